@@ -1,0 +1,141 @@
+"""What each command takes. The work is in the modules named by ``run``, imported when it is asked for."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+MODELS = ("te", "tm", "plant", "aaa")
+
+
+def add_commands(places: Any) -> None:
+    """Add every command to the subparsers ``places``."""
+    _simulate(places)
+    _fit(places)
+    _diagnose(places)
+    _predict(places)
+    _fleet(places)
+    _demo(places)
+
+
+def _later(module: str, function: str) -> Callable[[argparse.Namespace], None]:
+    def run(arguments: argparse.Namespace) -> None:
+        getattr(importlib.import_module(f"scpjax.cli.{module}"), function)(arguments)
+
+    return run
+
+
+def _command(places: Any, name: str, run: tuple[str, str], summary: str, more: str = "") -> argparse.ArgumentParser:
+    parser = places.add_parser(
+        name,
+        help=summary,
+        description=f"{summary[0].upper()}{summary[1:]}. {more}".strip(),
+        allow_abbrev=False,
+    )
+    parser.set_defaults(run=_later(*run), parser=parser)
+    shown = parser.add_mutually_exclusive_group()
+    shown.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    shown.add_argument("--progress", action="store_true", help="show progress even when not in a terminal")
+    return parser
+
+
+def _roles(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--drive", metavar="COL", help="column that drives (default: [roles], else by its name)")
+    parser.add_argument("--response", metavar="COL", help="columns that respond, comma separated")
+
+
+def _simulate(places: Any) -> None:
+    parser = _command(
+        places,
+        "simulate",
+        ("simulate", "run_simulate"),
+        "simulate a model over the drive of a file",
+        "From rest at ambient. Writes time_s, the drive and what the model says, and a .toml beside it.",
+    )
+    parser.add_argument(
+        "--model",
+        metavar="M",
+        required=True,
+        help="a model.json, or te, tm, plant, aaa (actuator 2 of Table 4.14) or thesis (the plant (4.4))",
+    )
+    parser.add_argument("--input", metavar="FILE", required=True, help="CSV with time_s and the drive columns")
+    parser.add_argument("--out", metavar="FILE", required=True, help="CSV to write")
+    parser.add_argument("--drive", metavar="COL", help="column that drives")
+
+
+def _fit(places: Any) -> None:
+    parser = _command(
+        places,
+        "fit",
+        ("study", "run_fit"),
+        "estimate the parameters of a model from recordings of one actuator",
+        "Writes model.json, fit.json, figures and report.html.",
+    )
+    parser.add_argument("files", metavar="FILE", nargs="+", help="recordings (CSV) of one actuator")
+    parser.add_argument("--out", metavar="DIR", required=True, help="folder to write")
+    parser.add_argument("--model", choices=MODELS, help="default: as the files say, or by their columns")
+    parser.add_argument(
+        "--fixed",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="hold a parameter, SI: elastic_spring.stiffness=100 or resistance_ohm=1.07 (may be repeated)",
+    )
+    parser.add_argument("--robust", action="store_true", help="do not let outliers pull the fit")
+    _roles(parser)
+
+
+def _diagnose(places: Any) -> None:
+    parser = _command(
+        places,
+        "diagnose",
+        ("study", "run_diagnose"),
+        "find which physics the model leaves out, from recordings of one actuator",
+        "Writes diagnosis.json, model.json, figures and report.html.",
+    )
+    parser.add_argument("files", metavar="FILE", nargs="+", help="recordings (CSV) of one actuator")
+    parser.add_argument("--out", metavar="DIR", required=True, help="folder to write")
+    parser.add_argument("--model", choices=MODELS, help="default: as the files say, or by their columns")
+    _roles(parser)
+
+
+def _predict(places: Any) -> None:
+    parser = _command(
+        places,
+        "predict",
+        ("simulate", "run_predict"),
+        "predict the outputs of a fitted or diagnosed model over the drive of a file",
+        "Only the drive is used; of the outputs only the first sample, where the file has it, as the start.",
+    )
+    parser.add_argument("model", metavar="DIR/model.json", help="as fit and diagnose write it")
+    parser.add_argument("file", metavar="FILE", help="CSV with time_s and the drive columns")
+    parser.add_argument("--out", metavar="FILE", required=True, help="CSV to write")
+    parser.add_argument("--drive", metavar="COL", help="column that drives (default: as in the fit)")
+
+
+def _fleet(places: Any) -> None:
+    parser = _command(
+        places,
+        "fleet",
+        ("study", "run_fleet"),
+        "fit many actuators at once and compare them",
+        "Each subfolder with CSV files, and each CSV file beside them, is an actuator. Writes fleet.csv, "
+        "fleet.json, figures and report.html.",
+    )
+    parser.add_argument("where", metavar="DIR_OR_GLOB", help="folder of actuators, or a quoted pattern")
+    parser.add_argument("--out", metavar="DIR", required=True, help="folder to write")
+    parser.add_argument("--model", choices=MODELS, help="default: as the files say, or by their columns")
+    _roles(parser)
+
+
+def _demo(places: Any) -> None:
+    parser = _command(
+        places,
+        "demo",
+        ("demo", "run_demo"),
+        "diagnose the recordings that come with the package",
+        "Also asks what Table 4.4 of the thesis (steady displacements of nine actuators) can tell.",
+    )
+    parser.add_argument("--out", metavar="DIR", default="scpjax-demo", help="folder to write (default: %(default)s)")

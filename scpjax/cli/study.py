@@ -1,0 +1,159 @@
+"""``scpjax fit``, ``scpjax diagnose`` and ``scpjax fleet``."""
+
+from __future__ import annotations
+
+import dataclasses
+import glob
+import math
+from argparse import Namespace
+from collections.abc import Sequence
+from pathlib import Path
+
+from scpjax.cli.inputs import fixed_values, read_files, with_known
+from scpjax.cli.program import check_folder, progress, say, staged, start
+from scpjax.diagnose.result import Diagnosis
+from scpjax.errors import FitError, RecordingError, ScpjaxError
+from scpjax.fit.result import Estimate
+from scpjax.recordings.recording import Recording
+from scpjax.report.numbers import column, estimate, interval, number, percent, unit
+
+
+def run_fit(arguments: Namespace) -> None:
+    """Fit one actuator."""
+    out = check_folder(arguments.out)
+    keys, known = fixed_values(arguments.fixed)
+    recordings = read_files(arguments.files, drive=arguments.drive, response=arguments.response)
+    recordings = [with_known(r, known) for r in recordings]
+    start()
+    from scpjax.fit.fit import FitOptions, fit
+    from scpjax.report.report import command_line, write_fit
+
+    with progress(arguments) as show:
+        if show:
+            show("fitting", 0.1)
+        options = FitOptions(robust=3.0 if arguments.robust else 0.0)
+        found = fit(recordings, model=arguments.model, fixed=keys, options=options)
+        if show:
+            show("writing the report", 0.9)
+        with staged(out) as folder:
+            write_fit(found, folder, recordings=recordings, command=command_line(arguments.line))
+    state = "converged" if found.converged else "NOT CONVERGED"
+    say(arguments, f"{found.model.structure.name} model, {state}, {number(found.seconds, 2)} s")
+    say_parameters(arguments, found.parameters)
+    for name, score in found.scores.items():
+        words, u = column(name)
+        text = f"RMSE {number(score['rmse'])} {u} (noise {number(found.noise.get(name, math.nan), 2)} {u})"
+        say(arguments, f"  {words}: {text}, NRMSE {number(score['nrmse'])} %")
+    for sentence in found.not_identifiable:
+        say(arguments, f"  {sentence}")
+    say(arguments, f"report: {out / 'report.html'}")
+
+
+def run_diagnose(arguments: Namespace) -> None:
+    """Diagnose one actuator."""
+    out = check_folder(arguments.out)
+    recordings = read_files(arguments.files, drive=arguments.drive, response=arguments.response)
+    start()
+    diagnose_into(arguments, recordings, out, model=arguments.model)
+
+
+def diagnose_into(arguments: Namespace, recordings: Sequence[Recording], out: Path, *, model: str | None) -> None:
+    """Diagnose, write the folder and say what was found."""
+    from scpjax.diagnose.diagnose import diagnose
+    from scpjax.report.report import command_line, write_diagnosis
+
+    with progress(arguments) as show:
+        found = diagnose(recordings, model=model, progress=show)
+        if show:
+            show("writing the report", 0.95)
+        with staged(out) as folder:
+            write_diagnosis(found, folder, recordings=recordings, command=command_line(arguments.line))
+    say_diagnosis(arguments, found)
+    say(arguments, f"report: {out / 'report.html'}")
+
+
+def say_diagnosis(arguments: Namespace, d: Diagnosis) -> None:
+    """Verdict, mechanisms, and errors on held-out data before and after."""
+    say(arguments, f"{d.verdict.upper()}: {d.says}")
+    for m in d.mechanisms:
+        law = f" ({m.law})" if m.law else ""
+        say(arguments, f"\n{m.name}{law}: {m.title}, {m.subsystem}, probability {percent(m.probability)}")
+        say(arguments, f"  {m.says}")
+        say_parameters(arguments, m.parameters)
+        if m.equivalents:
+            say(arguments, f"  not told apart from: {', '.join(m.equivalents)}")
+    say(arguments, "\nheld-out error (RMSE)")
+    for name, before in d.base.held_out.items():
+        words, u = column(name)
+        after = d.extended.held_out.get(name, before)
+        noise = number(d.base.noise.get(name, math.nan), 2)
+        change = f"{number(before['rmse'])} → {number(after['rmse'])} {u}"
+        say(arguments, f"  {words}: {change} (noise {noise} {u})")
+
+
+def say_parameters(arguments: Namespace, parameters: dict[str, Estimate]) -> None:
+    """A line for each: value ± standard error and the 95 % interval."""
+    for key, e in parameters.items():
+        value = f"{estimate(e.value, e.std, e.low, e.high)} {unit(e.unit)}".strip()
+        say(arguments, f"  {key} = {value}   (95 %: {interval(e.low, e.high)})")
+
+
+def run_fleet(arguments: Namespace) -> None:
+    """Fit every actuator of a folder; one that cannot be read or fitted does not stop the others."""
+    out = check_folder(arguments.out)
+    actuators = find_actuators(arguments.where, out)
+    read: dict[str, list[Recording]] = {}
+    failed: dict[str, ScpjaxError] = {}
+    for name, files in actuators.items():
+        try:
+            read[name] = read_files(files, drive=arguments.drive, response=arguments.response)
+        except ScpjaxError as error:
+            failed[name] = error
+    if not read:
+        raise next(iter(failed.values()))
+    start()
+    from scpjax.fit.fleet import fit_fleet
+    from scpjax.report.report import command_line, write_fleet
+
+    with progress(arguments) as show:
+        fleet = fit_fleet(list(read.values()), names=list(read), model=arguments.model, progress=show)
+        by_name = dict(zip(fleet.names, fleet.fits, strict=True)) | {k: str(e) for k, e in failed.items()}
+        fleet = dataclasses.replace(fleet, names=tuple(actuators), fits=tuple(by_name[n] for n in actuators))
+        if all(isinstance(f, str) for f in fleet.fits):
+            first = str(next(f for f in fleet.fits if isinstance(f, str)))
+            raise FitError(f"none of {len(actuators)} actuators could be fitted; the first: {first}")
+        with staged(out) as folder:
+            write_fleet(fleet, folder, command=command_line(arguments.line))
+    failures = {n: f for n, f in zip(fleet.names, fleet.fits, strict=True) if isinstance(f, str)}
+    say(arguments, f"{len(actuators) - len(failures)} of {len(actuators)} actuators fitted")
+    for name, why in failures.items():
+        say(arguments, f"  {name}: {why}")
+    say(arguments, f"table: {out / 'fleet.csv'}\nreport: {out / 'report.html'}")
+
+
+def find_actuators(where: str, out: Path) -> dict[str, list[str]]:
+    """Files of every actuator by name: subfolders with CSV files, and CSV files that lie side by side."""
+    path = Path(where)
+    if path.is_dir():
+        matches = [p for p in sorted(path.iterdir()) if not p.name.startswith(".")]
+    else:
+        matches = [Path(p) for p in sorted(glob.glob(where, recursive=True))]
+    found: dict[str, list[str]] = {}
+    for match in matches:
+        if match.is_dir() and match.resolve() != out.resolve():
+            files = sorted(str(p) for p in match.glob("*.csv"))
+            if files:
+                found[_free_name(match.name, match, found)] = files
+        elif match.suffix.lower() == ".csv" and match.is_file():
+            found[_free_name(match.stem, match, found)] = [str(match)]
+    if not found:
+        if not matches and not path.exists():
+            raise RecordingError("no such folder, and no file matches", where=where, mend="check the name")
+        raise RecordingError(
+            "no CSV files and no subfolders with CSV files", where=where, mend="name a folder of recordings"
+        )
+    return found
+
+
+def _free_name(name: str, path: Path, taken: dict[str, list[str]]) -> str:
+    return name if name not in taken else f"{path.parent.name}/{name}"

@@ -1,0 +1,269 @@
+"""The main job: recordings in; what physics was left out, the evidence, and the extended model out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import jax.numpy as jnp
+import numpy as np
+
+from scpjax.diagnose.locate import locate, observe
+from scpjax.diagnose.result import Diagnosis, Named, Scores
+from scpjax.diagnose.select import (
+    Choice,
+    Evidence,
+    Progress,
+    Split,
+    State,
+    choose,
+    moving_parameters,
+    residual_on,
+    split,
+    widest,
+)
+from scpjax.fit.colour import Whitener
+from scpjax.fit.fit import (
+    best_start,
+    final_model,
+    noise_by_column,
+    refine,
+    scores,
+    settle,
+    traces,
+)
+from scpjax.fit.identifiability import estimates, uncertainty
+from scpjax.fit.problem import Data, Trial
+from scpjax.fit.setup import Setup, prepare
+from scpjax.physics.catalogue import left_out
+from scpjax.recordings.recording import Recording
+
+_AT_NOISE = 1.15  # ratio of residual to noise, in some column, up to which nothing more is asked for
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseOptions:
+    """``evidence``: what it takes to be named. ``order``, ``substeps``, ``bin`` of the simulation as of a fit."""
+
+    evidence: Evidence = field(default_factory=Evidence)
+    order: int = 2
+    substeps: int | None = None
+    bin: int | None = None
+    max_steps: int = 25
+
+
+def diagnose(
+    recordings: Sequence[Recording],
+    *,
+    model: str | None = None,
+    fixed: Mapping[str, float] | None = None,
+    options: DiagnoseOptions | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Find what a base model of these recordings leaves out.
+
+    ``recordings`` are of one actuator; ``model`` is te, tm, plant or aaa (from the files or their columns when None).
+    Stretches of every recording are held out from fitting and judge every choice; the model returned is then fitted to
+    all of it. ``progress(text, fraction)`` is called between steps.
+
+    **Raises** `FitError`, `RecordingError` for recordings that cannot be fitted.
+    """
+    options = options or DiagnoseOptions()
+    began = time.monotonic()
+    tell = progress or (lambda text, fraction: None)
+    tell("reading the recordings for a start", 0.0)
+    setup = prepare(
+        recordings,
+        model=model,
+        extra=left_out(),
+        fixed=fixed,
+        bin=options.bin,
+        order=options.order,
+        substeps=options.substeps,
+    )
+    width = widest(setup, options.evidence.most)
+    tell("fitting the base model", 0.05)
+    parts, base, notes = _base(setup, width)
+    choice = choose(setup, base, parts, options.evidence, width=width, max_steps=options.max_steps, progress=tell)
+    if choice.state.names:  # jumps inside gaps are timed better by the better model
+        again, data, _ = settle(setup, choice.state.trial, parts.train, drop_outliers=False)
+        parts = _with_effort(parts, data)
+        choice = Choice(
+            _state(setup, parts, choice.state.names, again),
+            choice.ranking,
+            choice.probability,
+            choice.equivalents,
+        )
+    tell("fitting the chosen model to all data", 0.85)
+    return _report(setup, parts, base, choice, notes, began, options)
+
+
+def _base(setup: Setup, width: int) -> tuple[Split, State, tuple[str, ...]]:
+    """The base model fitted to the training part, jumps in gaps timed and wild samples out."""
+    parts = split(setup.data)
+    trial, _, _ = best_start(setup, parts.train, width=width)
+    trial, data, notes = settle(setup, trial, setup.data)
+    if data is not setup.data:
+        parts = split(data)
+    trial, _, _ = refine(setup, parts.train, trial)
+    return parts, _state(setup, parts, (), trial), notes
+
+
+def _state(setup: Setup, parts: Split, names: tuple[str, ...], trial: Trial) -> State:
+    residual = residual_on(trial, parts.whole, setup)
+    return State(names, trial, residual, float(np.sum(residual[parts.is_train] ** 2)))
+
+
+def _with_effort(parts: Split, data: Data) -> Split:
+    effort = np.asarray(data.grids.effort)
+    return Split(
+        parts.train.with_effort(effort),
+        parts.whole.with_effort(effort),
+        parts.is_train,
+        parts.is_held,
+        parts.mask,
+    )
+
+
+def _report(
+    setup: Setup,
+    parts: Split,
+    base: State,
+    choice: Choice,
+    notes: tuple[str, ...],
+    began: float,
+    options: DiagnoseOptions,
+) -> Diagnosis:
+    state = choice.state
+    held = np.where(parts.mask, np.asarray(parts.whole.weights), 0.0)
+    train = np.asarray(parts.train.weights)
+    final, final_data = _final(setup, parts, state)
+    base_final, _ = _final(setup, parts, base)
+    doubt = uncertainty(final, final_data, setup.space, coloured=final_data is parts.whole)
+    every = estimates(final, setup.space, doubt)
+    binned = observe(setup, parts.whole, base.trial, base.residual)
+    named = _named(setup, choice, every)
+    where = locate(setup, binned, _subsystem(setup, choice, base, parts))
+    verdict, says = _verdict(state, parts, named)
+    noise = noise_by_column(setup)
+    return Diagnosis(
+        verdict=verdict,
+        says=says,
+        base=Scores(
+            setup.structure.name,
+            scores(setup, parts.train, base.trial, train),
+            scores(setup, parts.whole, base.trial, held),
+            noise,
+        ),
+        extended=Scores(
+            " + ".join((setup.structure.name, *state.names)),
+            scores(setup, parts.train, state.trial, train),
+            scores(setup, parts.whole, state.trial, held),
+            noise,
+        ),
+        location=where,
+        mechanisms=named,
+        ranking=choice.ranking,
+        base_parameters={k: e for k, e in every.items() if k.split(".")[0] in setup.structure.base},
+        not_identifiable=doubt.open_directions,
+        notes=setup.notes + notes,
+        model=final_model(setup, final),
+        base_model=final_model(setup, base_final),
+        traces=traces(setup, parts.whole, base.trial, state.trial, parts.mask),
+        seconds=time.monotonic() - began,
+        settings={
+            "files": [r.metadata.path or r.metadata.name for r in setup.recordings],
+            "bin": setup.data.bin,
+            "order": setup.data.order,
+            "substeps": options.substeps,
+            "evidence": vars(options.evidence),
+            "held_out": "25-35 %, 60-70 % and 90-100 % of every recording",
+        },
+    )
+
+
+def _final(setup: Setup, parts: Split, state: State) -> tuple[Trial, Data]:
+    """The hypothesis fitted to all data, by generalised least squares where its residuals stay coloured.
+
+    The colour is believed if the held-out stretches, filtered by it, are predicted no worse by a training fit that
+    uses it than by one that does not.
+    """
+    there = parts.is_train | parts.is_held
+    white = Whitener.learn(state.residual, there)
+    trial, _, _ = refine(setup, parts.whole, state.trial)
+    if white.is_white:
+        return trial, parts.whole
+    trained, _, _ = refine(setup, parts.train.with_colour(white.colour), state.trial)
+    plain, filtered = (white(r, parts.is_held)[0] for r in (state.residual, residual_on(trained, parts.whole, setup)))
+    if filtered > plain * (1 + 1e-3):
+        return trial, parts.whole
+    for _ in range(2):
+        data = parts.whole.with_colour(white.colour)
+        trial, _, _ = refine(setup, data, trial)
+        white = Whitener.learn(residual_on(trial, parts.whole, setup), there)
+    return trial, data
+
+
+def _named(setup: Setup, choice: Choice, every: Mapping) -> tuple[Named, ...]:
+    out = []
+    laws = choice.state.laws(setup)
+    for name in choice.state.names:
+        m = setup.structure.mechanism(name)
+        mine = {k.split(".")[1]: e for k, e in every.items() if k.startswith(f"{name}.")}
+        out.append(
+            Named(
+                name=name,
+                title=m.title,
+                subsystem=m.subsystem,
+                law=laws[name],
+                probability=choice.probability.get(name, 0.0),
+                parameters=mine,
+                equivalents=choice.equivalents.get(name, ()),
+                says=m.says,
+                equation=m.equation,
+                source=m.source,
+            )
+        )
+    return tuple(out)
+
+
+def _subsystem(setup: Setup, choice: Choice, base: State, parts: Split) -> str:
+    """The balance of the mechanism that removes most; without one, that of the worst column."""
+    if choice.state.names:
+        return setup.structure.mechanism(choice.state.names[0]).subsystem
+    first = [r for r in choice.ranking if r.round == 1 and r.delta_bic > 0]
+    if first:
+        return setup.structure.mechanism(max(first, key=lambda r: r.delta_bic).name).subsystem
+    there = parts.is_train | parts.is_held
+    level = [np.sum(base.residual[..., j][there[..., j]] ** 2 - 1) for j in range(there.shape[2])]
+    n_t = len(setup.structure.sides) if setup.structure.thermal else 0
+    return "thermoelectric" if int(np.argmax(level)) < n_t else "thermomechanical"
+
+
+def _verdict(state: State, parts: Split, named: tuple[Named, ...]):
+    there = parts.is_train | parts.is_held
+    ratio = max(
+        float(np.sqrt(np.mean(state.residual[..., j][there[..., j]] ** 2)))
+        for j in range(there.shape[2])
+        if there[..., j].any()
+    )
+    names = " and ".join(m.title[0].lower() + m.title[1:] for m in named)
+    if not named and ratio <= _AT_NOISE:
+        return "adequate", "Nothing is missing: at this noise the base model explains the recordings."
+    if not named:
+        return (
+            "unexplained",
+            f"Something is missing (the misfit is {ratio:.1f} times the noise) that no mechanism of the catalogue "
+            "explains.",
+        )
+    if ratio <= _AT_NOISE:
+        return "explained", f"Left out of the base model: {names}. With it the misfit is down to the noise."
+    return (
+        "unexplained",
+        f"Left out of the base model: {names}; but the misfit is still {ratio:.1f} times the noise, so something "
+        "else is missing too.",
+    )
+
+
+__all__ = ["DiagnoseOptions", "diagnose", "jnp", "moving_parameters"]

@@ -1,0 +1,140 @@
+"""What a diagnosis says, and its JSON form ``scpjax.diagnosis/1``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from scpjax.fit.result import Estimate, Trace
+from scpjax.physics.model import Model
+
+Verdict = Literal["adequate", "explained", "unexplained"]
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Scores per column (file column, in the file's unit): ``{"temperature_degC": {"rmse":, "nrmse":, "mae":}}``."""
+
+    model: str
+    train: dict[str, dict[str, float]]
+    held_out: dict[str, dict[str, float]]
+    noise: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Window:
+    """A stretch of a recording and its share of all misfit in excess of the noise."""
+
+    recording: str
+    start_s: float
+    end_s: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Location:
+    """Where base model and recordings part."""
+
+    subsystem: str
+    column: str
+    windows: tuple[Window, ...] = ()
+    regimes: dict[str, float] = field(default_factory=dict)
+    depends_on: tuple[tuple[str, float], ...] = ()  # (variable, strength 0..1), strongest first
+    whiteness: dict[str, float] = field(default_factory=dict)  # p-value per column: residuals are white
+    input_independence: dict[str, float] = field(default_factory=dict)  # p-value: independent of past input
+
+
+@dataclass(frozen=True)
+class Named:
+    """A mechanism that the evidence supports."""
+
+    name: str
+    title: str
+    subsystem: str
+    law: str
+    probability: float
+    parameters: dict[str, Estimate]
+    equivalents: tuple[str, ...]
+    says: str
+    equation: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A mechanism tried: evidence when it is added to what had been named before it."""
+
+    name: str
+    delta_bic: float
+    held_out_gain: float
+    probability: float
+    law: str = ""
+    round: int = 1
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The whole answer. ``says`` is the verdict in one sentence."""
+
+    verdict: Verdict
+    says: str
+    base: Scores
+    extended: Scores
+    location: Location
+    mechanisms: tuple[Named, ...]
+    ranking: tuple[Ranked, ...]
+    base_parameters: dict[str, Estimate]  # of the extended model, by key
+    not_identifiable: tuple[str, ...]
+    notes: tuple[str, ...]
+    model: Model
+    base_model: Model
+    traces: tuple[Trace, ...]
+    seconds: float
+    settings: dict[str, Any]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values only, in the form of the contract; more keys than it asks for, none fewer."""
+        return {
+            "schema": "scpjax.diagnosis/1",
+            "verdict": self.verdict,
+            "says": self.says,
+            "base": _scores(self.base),
+            "extended": _scores(self.extended),
+            "location": {
+                "subsystem": self.location.subsystem,
+                "column": self.location.column,
+                "windows": [vars(w) for w in self.location.windows],
+                "regimes": self.location.regimes,
+                "depends_on": [{"variable": v, "strength": s} for v, s in self.location.depends_on],
+                "whiteness_p": self.location.whiteness,
+                "input_independence_p": self.location.input_independence,
+            },
+            "mechanisms": [
+                {
+                    "name": m.name,
+                    "law": m.law,
+                    "subsystem": m.subsystem,
+                    "probability": m.probability,
+                    "parameters": {k: _estimate(e) for k, e in m.parameters.items()},
+                    "equivalents": list(m.equivalents),
+                    "says": m.says,
+                }
+                for m in self.mechanisms
+            ],
+            "ranking": [vars(r) for r in self.ranking],
+            "parameters": {k: _estimate(e) for k, e in self.base_parameters.items()},
+            "not_identifiable": list(self.not_identifiable),
+            "closure": None,
+            "next_experiment": None,
+            "notes": list(self.notes),
+            "seconds": self.seconds,
+            "settings": self.settings,
+        }
+
+
+def _scores(s: Scores) -> dict[str, Any]:
+    return {"model": s.model, "train": s.train, "held_out": s.held_out, "noise": s.noise}
+
+
+def _estimate(e: Estimate) -> dict[str, Any]:
+    return {"value": e.value, "std": e.std, "unit": e.unit, "low": e.low, "high": e.high}

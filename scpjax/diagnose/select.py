@@ -1,0 +1,348 @@
+"""Which left-out mechanisms do the recordings ask for? Every one is tried, and chosen on data held out from fitting."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import equinox as eqx
+import numpy as np
+
+from scpjax.diagnose.result import Ranked
+from scpjax.fit.colour import Whitener
+from scpjax.fit.fit import refine
+from scpjax.fit.problem import Data, Trial
+from scpjax.fit.setup import Setup
+from scpjax.fit.solve import ABREAST, batches, binned_of, pick, solve, stack
+from scpjax.physics.mechanism import Mechanism
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What it takes to be named.
+
+    ``bic``: gain in BIC, with an effective sample size, over what was named before; ``share``: of the misfit in excess
+    of the noise, in some column, that a mechanism must remove (pure BIC adds a second effect to make up for a slightly
+    wrong law of the first); ``held_out``: gain in the held-out misfit, in units of what the noise makes it;
+    ``most``: mechanisms at most.
+    """
+
+    bic: float = 12.0
+    share: float = 0.2
+    held_out: float = 6.0
+    most: int = 3
+
+
+@dataclass(frozen=True)
+class State:
+    """A hypothesis fitted to the training part: its mechanisms (with laws) and binned residuals on all data."""
+
+    names: tuple[str, ...]
+    trial: Trial
+    residual: np.ndarray  # (r, k, y) over training and held-out samples
+    cost: float
+
+    def laws(self, setup: Setup) -> dict[str, str]:
+        """Law of each mechanism named."""
+        return {
+            m.name: m.laws[int(self.trial.laws[i])]
+            for i, m in enumerate(setup.structure.mechanisms)
+            if m.name in self.names
+        }
+
+
+@dataclass(frozen=True)
+class Split:
+    """Training data, all data, and which bins belong to which."""
+
+    train: Data
+    whole: Data
+    is_train: np.ndarray  # (r, k, y)
+    is_held: np.ndarray
+    mask: np.ndarray  # (r, n, y) samples held out
+
+
+def split(data: Data, fractions: tuple[tuple[float, float], ...] = ((0.25, 0.35), (0.6, 0.7), (0.9, 1.0))) -> Split:
+    """Stretches of every recording, on whole bins, kept out of fitting; the simulation runs through them."""
+    weights = np.asarray(data.weights)
+    held = np.zeros(weights.shape, bool)
+    at = np.asarray(data.grids.at)
+    for i in range(weights.shape[0]):
+        seen = np.flatnonzero(weights[i].sum(axis=1) > 0)
+        last = at[i, seen[-1]] + 1
+        for a, b in fractions:
+            low, high = (round(f * last / data.bin) * data.bin for f in (a, b))
+            high = last + 1 if b == 1.0 else high
+            inside = (at[i] >= low) & (at[i] < high)
+            inside[seen[-1] + 1 :] = False
+            held[i, inside] = True
+    train = data.with_weights(np.where(held, 0.0, weights))
+    is_train = np.isfinite(np.asarray(train.norm))
+    there = np.isfinite(np.asarray(data.norm))
+    return Split(train, data, is_train & there, there & ~is_train, held)
+
+
+def candidates(setup: Setup) -> tuple[Mechanism, ...]:
+    """The left-out mechanisms that were put into the structure: those that can act and be seen."""
+    return tuple(m for m in setup.structure.mechanisms if not m.is_base)
+
+
+def moving_parameters(setup: Setup, names: Sequence[str]) -> np.ndarray:
+    """Entries that move when these mechanisms are in."""
+    active = setup.base_active.copy()
+    for slot in setup.structure.slots:
+        if slot.mechanism in names and not slot.parameter.fixed:
+            active[slot.index] = True
+    return active
+
+
+def widest(setup: Setup, most: int) -> int:
+    """Places enough for the base and the ``most`` mechanisms with the most parameters."""
+    counts = sorted((sum(not p.fixed for p in m.parameters) for m in candidates(setup)), reverse=True)
+    return int(setup.base_active.sum()) + sum(counts[:most])
+
+
+def trials_with(setup: Setup, state: State, added: Mechanism, width: int) -> list[tuple[int, Trial]]:
+    """(law, trial) for every law and start of a mechanism added to a hypothesis."""
+    names = (*state.names, added.name)
+    active = moving_parameters(setup, names)
+    now = np.asarray(setup.space.values(state.trial.free, state.trial.fixed, state.trial.active))
+    which = next(i for i, m in enumerate(setup.structure.mechanisms) if m.name == added.name)
+    out = []
+    laws = range(len(added.laws))
+    if added.name == "resistance_temperature":  # the drive says which law holds
+        laws = [1 if setup.structure.drive == "current" else 0]
+    for law in laws:
+        for start in added.starts:
+            value = now.copy()
+            for p, s in zip(added.parameters, start, strict=True):
+                i = setup.structure.index[f"{added.name}.{p.name}"]
+                unit = {"response": setup.scales.response, "duration": setup.scales.duration}.get(p.time, 1.0)
+                value[i] = setup.fixed[i] if p.fixed else s * unit
+            vector = np.asarray(state.trial.laws).copy()
+            vector[which] = law
+            out.append((law, setup.trial(value, active, vector, width)))
+    return out
+
+
+def residual_on(trial: Trial, data: Data, setup: Setup) -> np.ndarray:
+    """Binned residuals (r, k, y) of one trial."""
+    return binned_of([trial], data, setup.space)[0]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A hypothesis with one mechanism more against the one without."""
+
+    state: State
+    added: str
+    law: str
+    delta_bic: float
+    held_out_gain: float  # relative fall of the held-out RMS misfit
+    held_out_excess: float  # fall of the held-out sum of squares, in units of what it would be by chance
+    removed: float  # largest share of any column's excess misfit that went
+    accepted: bool
+
+
+def compare(before: State, after: State, added: str, law: str, split: Split, rules: Evidence, extra: int) -> Comparison:
+    """Evidence for the mechanism by which ``after`` goes beyond ``before``."""
+    t, h = split.is_train, split.is_held
+    white = Whitener.learn(after.residual, t)
+    (sse0, n), (sse1, _) = (white(s.residual, t) for s in (before, after))
+    (held0, _), (held1, _) = (white(s.residual, h) for s in (before, after))
+    variance = max(sse1 / max(n, 1), white.floor)
+    delta_bic = (sse0 - sse1) / variance - extra * np.log(max(n, 2))
+    excess_gain = (held0 - held1) / variance
+    held = [float(np.sum(s.residual[h] ** 2)) for s in (before, after)]
+    removed = 0.0
+    for j in range(t.shape[2]):
+        there = (t | h)[..., j]
+        if not there.any():
+            continue
+        a, b = (float(np.mean(s.residual[..., j][there] ** 2)) for s in (before, after))
+        floor = min(1.0, b)
+        if a - floor > 0.02:
+            removed = max(removed, (a - b) / (a - floor))
+    gain = 1.0 - np.sqrt(held[1] / max(held[0], 1e-300))
+    accepted = delta_bic > rules.bic and excess_gain > rules.held_out and gain > 0 and removed > rules.share
+    return Comparison(
+        after, added, law, float(delta_bic), float(gain), float(excess_gain), float(removed), bool(accepted)
+    )
+
+
+def try_all(
+    setup: Setup, state: State, split: Split, rules: Evidence, *, width: int, max_steps: int
+) -> list[Comparison]:
+    """Every mechanism not yet in, each from all its laws and starts, in one compiled call; best law of each."""
+    labels: list[tuple[Mechanism, int]] = []
+    trials: list[Trial] = []
+    for m in candidates(setup):
+        if m.name in state.names:
+            continue
+        for law, trial in trials_with(setup, state, m, width):
+            labels.append((m, law))
+            trials.append(trial)
+    if not trials:
+        return []
+    solved, cost = _two_stages(setup, split, trials, [m.name for m, _ in labels], max_steps)
+    residuals = binned_of(solved, split.whole, setup.space)
+    # a trial that left all bounds explains nothing
+    wild = ~np.all(np.isfinite(residuals), axis=(1, 2, 3))
+    residuals[wild] = 10.0 * state.residual
+    out = []
+    for name in dict.fromkeys(m.name for m, _ in labels):
+        mine = [i for i, (m, _) in enumerate(labels) if m.name == name]
+        i = min(mine, key=lambda i: cost[i])
+        m, law = labels[i]
+        after = State((*state.names, name), solved[i], residuals[i], float(cost[i]))
+        extra = sum(not p.fixed for p in m.parameters)
+        out.append(compare(state, after, name, m.laws[law], split, rules, extra))
+    return sorted(out, key=lambda c: -c.delta_bic)
+
+
+_SCREEN = 12  # steps after which a start that is behind is left behind; the first few may all be too bold
+
+
+def _run(setup: Setup, split: Split, trials: Sequence[Trial], max_steps: int) -> tuple[list[Trial], np.ndarray]:
+    done: list[Trial] = []
+    costs: list[np.ndarray] = []
+    for part in batches(trials):
+        batch = stack(part)
+        found = solve(batch, split.train, setup.space, max_steps=max_steps)
+        solved = eqx.tree_at(lambda t: t.free, batch, found.free)
+        done += [pick(solved, i) for i in range(ABREAST)]
+        costs.append(np.asarray(found.cost))
+    cost = np.concatenate(costs)[: len(trials)]
+    return done[: len(trials)], np.where(np.isfinite(cost), cost, np.inf)
+
+
+def _two_stages(
+    setup: Setup, split: Split, trials: Sequence[Trial], names: Sequence[str], max_steps: int
+) -> tuple[list[Trial], np.ndarray]:
+    """A few steps for all; then on with the two best starts of every mechanism."""
+    solved, cost = _run(setup, split, trials, _SCREEN)
+    order = list(np.argsort(cost))
+    leading = dict.fromkeys(names[i] for i in order)
+    chosen = [i for name in leading for i in [k for k in order if names[k] == name][:2]]
+    better, lower = _run(setup, split, [solved[i] for i in chosen], max_steps)
+    for i, trial, c in zip(chosen, better, lower, strict=True):
+        if c <= cost[i]:
+            solved[i], cost[i] = trial, c
+    return solved, cost
+
+
+def without(setup: Setup, state: State, name: str, split: Split, width: int) -> State:
+    """The hypothesis with one of its mechanisms taken out, fitted again."""
+    names = tuple(n for n in state.names if n != name)
+    active = moving_parameters(setup, names)
+    now = np.asarray(setup.space.values(state.trial.free, state.trial.fixed, state.trial.active))
+    trial = setup.trial(now, active, np.asarray(state.trial.laws), width)
+    trial, _, cost = refine(setup, split.train, trial)
+    return State(names, trial, residual_on(trial, split.whole, setup), cost)
+
+
+def probabilities(comparisons: Sequence[Comparison], *, prior_none: float = 0.5) -> dict[str, float]:
+    """Posterior share of each mechanism against the others and none, from BIC differences (exp(BIC/2))."""
+    if not comparisons:
+        return {}
+    log = np.array([0.0] + [c.delta_bic / 2 if c.accepted else min(c.delta_bic / 2, -2.0) for c in comparisons])
+    log[0] += np.log(prior_none)
+    log[1:] += np.log((1 - prior_none) / len(comparisons))
+    share = np.exp(log - log.max())
+    share /= share.sum()
+    return {c.added: float(p) for c, p in zip(comparisons, share[1:], strict=True)}
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How it ended: the hypothesis chosen, all that was tried, and what could stand in for what."""
+
+    state: State
+    ranking: tuple[Ranked, ...]
+    probability: dict[str, float]
+    equivalents: dict[str, tuple[str, ...]]
+
+
+def equals(best: Comparison, others: Sequence[Comparison], split: Split) -> tuple[str, ...]:
+    """Mechanisms that these recordings cannot tell from the best: about as likely, and predicting the same."""
+    out = []
+    there = split.is_train | split.is_held
+    for c in others:
+        if c.added == best.added or not c.accepted:
+            continue
+        apart = np.sqrt(np.mean((c.state.residual - best.state.residual)[there] ** 2))
+        if best.delta_bic - c.delta_bic < 10.0 and apart < 0.5:
+            out.append(c.added)
+    return tuple(out)
+
+
+def choose(
+    setup: Setup,
+    base: State,
+    split: Split,
+    rules: Evidence,
+    *,
+    width: int,
+    max_steps: int = 25,
+    progress: Progress | None = None,
+) -> Choice:
+    """Forward selection with pruning, from the base hypothesis."""
+    state, ranking = base, []
+    chance: dict[str, float] = {}
+    equivalents: dict[str, tuple[str, ...]] = {}
+    for round_ in range(1, rules.most + 1):
+        if progress:
+            progress(f"trying every mechanism (round {round_})", 0.2 + 0.2 * (round_ - 1))
+        tried = try_all(setup, state, split, rules, width=width, max_steps=max_steps)
+        p = probabilities(tried)
+        ranking += [Ranked(c.added, c.delta_bic, c.held_out_gain, p[c.added], c.law, round_) for c in tried]
+        accepted = [c for c in tried if c.accepted]
+        if not accepted:
+            break
+        best = accepted[0]
+        equivalents[best.added] = equals(best, accepted, split)
+        chance[best.added] = p[best.added] + sum(p[e] for e in equivalents[best.added])
+        trial, _, cost = refine(setup, split.train, best.state.trial)
+        state = State(best.state.names, trial, residual_on(trial, split.whole, setup), cost)
+        state = _other_laws(setup, state, best.added, split, rules, width)
+        state = _prune(setup, state, split, rules, width)
+        if _at_noise(state, split):
+            break
+    chance = {n: c for n, c in chance.items() if n in state.names}
+    return Choice(state, tuple(ranking), chance, {n: equivalents.get(n, ()) for n in state.names})
+
+
+def _prune(setup: Setup, state: State, split: Split, rules: Evidence, width: int) -> State:
+    """Take out what a later mechanism has made superfluous."""
+    for name in state.names[:-1]:
+        fewer = without(setup, state, name, split, width)
+        extra = sum(not p.fixed for p in setup.structure.mechanism(name).parameters)
+        if not compare(fewer, state, name, "", split, rules, extra).accepted:
+            state = fewer
+    return state
+
+
+def _other_laws(setup: Setup, state: State, name: str, split: Split, rules: Evidence, width: int) -> State:
+    """A mechanism just named, under its wider laws from where it stands: they start best from a narrower fit."""
+    m = setup.structure.mechanism(name)
+    which = next(i for i, other in enumerate(setup.structure.mechanisms) if other.name == name)
+    now = int(state.trial.laws[which])
+    value = np.array(setup.space.values(state.trial.free, state.trial.fixed, state.trial.active))
+    best = state
+    for law in range(now + 1, len(m.laws)):
+        laws = np.asarray(state.trial.laws).copy()
+        laws[which] = law
+        trial = setup.trial(value, moving_parameters(setup, state.names), laws, width)
+        trial, _, cost = refine(setup, split.train, trial, max_steps=80)
+        after = State(state.names, trial, residual_on(trial, split.whole, setup), cost)
+        if compare(best, after, name, m.laws[law], split, rules, len(m.parameters) - 1).accepted:
+            best = after
+    return best
+
+
+def _at_noise(state: State, split: Split) -> bool:
+    there = split.is_train | split.is_held
+    levels = [np.mean(state.residual[..., j][there[..., j]] ** 2) for j in range(there.shape[2]) if there[..., j].any()]
+    return max(levels) < 1.05

@@ -1,0 +1,135 @@
+"""Samples that were skipped while the drive changed: when, inside the gap, did it change?
+
+A held drive that jumps during a gap leaves the heat put in uncertain by what the jump brings in the meantime, far
+more than the noise of a thermometer. The share of the gap that passed before the change is estimated from what the
+outputs did afterwards, beside the parameters, by Gauss-Newton steps on pre-whitened residuals (so that physics that
+the model leaves out, which is slow, does not pass for a mistimed jump).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from scpjax.fit.problem import Data, Space, Trial, binned_residuals, residuals, unpack
+
+PRIOR = 0.29  # standard deviation of a share that may be anything from 0 to 1
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Nodes ``start`` to ``end`` of recording ``recording``, between which the effort went ``before`` to ``after``."""
+
+    recording: int
+    start: int
+    end: int
+    before: np.ndarray
+    after: np.ndarray
+
+
+def find_gaps(data: Data) -> tuple[Gap, ...]:
+    """Gaps of held recordings during which the drive changed."""
+    if not data.grids.constant:
+        return ()
+    found = []
+    effort, at, fraction = (np.asarray(x) for x in (data.grids.effort, data.grids.at, data.grids.fraction))
+    seen = np.asarray(data.weights).sum(axis=2) > 0
+    for i in range(effort.shape[0]):
+        nodes = at[i][: np.flatnonzero(seen[i])[-1] + 1]
+        if np.any(fraction[i] > 0):
+            continue  # stamps off the grid: not a clock that skips
+        usual = int(np.median(np.diff(nodes)))
+        for k in np.flatnonzero(np.diff(nodes) > usual):
+            a, b = int(nodes[k]), int(nodes[k + 1])
+            if b >= effort.shape[1]:
+                continue
+            before, after = effort[i, a, 0], effort[i, b, 0]
+            if np.any(np.abs(after - before) > 1e-9 * np.max(np.abs(effort[i]))):
+                found.append(Gap(i, a, b, before, after))
+    return tuple(found)
+
+
+def fill(effort: np.ndarray, gaps: tuple[Gap, ...], shares: np.ndarray) -> np.ndarray:
+    """Effort (r, steps, 3, s) with the drive of each gap changing after its share of the gap."""
+    out = np.array(effort)
+    for gap, share in zip(gaps, shares, strict=True):
+        change = gap.start + share * (gap.end - gap.start)
+        cells = np.arange(gap.start, gap.end)
+        old = np.clip(change - cells, 0.0, 1.0)[:, None, None]
+        out[gap.recording, cells] = old * gap.before + (1 - old) * gap.after
+    return out
+
+
+@eqx.filter_jit
+def _responses(efforts: jax.Array, trial: Trial, data: Data, space: Space) -> jax.Array:
+    model, local_values = unpack(trial.free, trial, space)
+
+    def one(effort):
+        return binned_residuals(model, eqx.tree_at(lambda d: d.grids.effort, data, effort), space.locals, local_values)
+
+    return jax.vmap(one)(efforts)
+
+
+@eqx.filter_jit
+def _parameter_columns(trial: Trial, data: Data, space: Space) -> jax.Array:
+    moving = trial.free[trial.index]
+    columns = jax.jacfwd(residuals)(moving, trial, data, space)
+    return columns[: data.target.size].reshape(*data.target.shape, -1)
+
+
+def improve(data: Data, gaps: tuple[Gap, ...], shares: np.ndarray, trial: Trial, space: Space) -> np.ndarray:
+    """Shares (gaps,) after one Gauss-Newton step beside the trial's moving entries, kept within 0 and 1."""
+    if not gaps:
+        return shares
+    by_recording = [[g for g, gap in enumerate(gaps) if gap.recording == i] for i in range(data.target.shape[0])]
+    most = max(len(mine) for mine in by_recording)
+    width = 8 * -(-most // 8)
+    base = fill(np.asarray(data.grids.effort), gaps, shares)
+    delta = np.where(shares > 0.5, -0.25, 0.25)
+    efforts = np.repeat(base[None], width + 1, axis=0)
+    for place in range(most):  # recordings do not see each other: one gap of each is moved at a time
+        moved = shares.copy()
+        for mine in by_recording:
+            if place < len(mine):
+                moved[mine[place]] += delta[mine[place]]
+        efforts[place + 1] = fill(np.asarray(data.grids.effort), gaps, moved)
+    answers = np.asarray(_responses(jnp.asarray(efforts), trial, data, space))
+    columns = np.asarray(_parameter_columns(trial, data, space))
+    whiten = _whitener(answers[0], np.isfinite(np.asarray(data.norm)))
+    parameters = [whiten(columns[..., j]).ravel() for j in range(columns.shape[-1])]
+    changes = []
+    for g, gap in enumerate(gaps):
+        own = np.zeros_like(answers[0])
+        place = by_recording[gap.recording].index(g) + 1
+        own[gap.recording] = (answers[place] - answers[0])[gap.recording] / delta[g]
+        changes.append(whiten(own).ravel())
+    matrix = np.column_stack(parameters + changes)
+    scale = np.linalg.norm(matrix, axis=0) + 1e-12
+    prior = np.concatenate([np.full(len(parameters), 1e-6), np.full(len(gaps), 1 / PRIOR)])
+    lhs = np.vstack([matrix / scale, np.diag(prior / scale)])
+    pull = np.concatenate([np.zeros(len(parameters)), (0.5 - shares) / PRIOR])
+    rhs = np.concatenate([-whiten(answers[0]).ravel(), pull])
+    step = np.linalg.lstsq(lhs, rhs, rcond=None)[0] / scale
+    return np.clip(shares + step[len(parameters) :], 0.0, 1.0)
+
+
+def _whitener(residual: np.ndarray, there: np.ndarray):
+    """e_k - rho e_{k-1} along time, rho the first autocorrelation of each output's residuals."""
+    rho = np.zeros(residual.shape[2])
+    for j in range(residual.shape[2]):
+        pairs = there[:, 1:, j] & there[:, :-1, j]
+        if pairs.any():
+            a, b = residual[:, 1:, j][pairs], residual[:, :-1, j][pairs]
+            rho[j] = np.clip(np.sum(a * b) / (np.sum(b**2) + 1e-12), 0.0, 0.995)
+
+    def apply(x: np.ndarray) -> np.ndarray:
+        x = np.where(there, x, 0.0)
+        out = x.copy()
+        out[:, 1:] -= rho * x[:, :-1]
+        return out
+
+    return apply

@@ -1,0 +1,123 @@
+"""Error bars, and what the data leave open, from the Jacobian at a solution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scpjax.fit.problem import Data, Space, Trial
+from scpjax.fit.result import Estimate
+from scpjax.fit.solve import jacobian
+
+_OPEN = 1.5  # standard deviation of a direction in ln(value) beyond which the data are said to leave it open
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Covariance of the moving entries (``free`` scale), per-entry standard deviation, and open directions."""
+
+    keys: tuple[str, ...]
+    covariance: np.ndarray
+    std_free: np.ndarray
+    rank: int
+    open_directions: tuple[str, ...]
+    inflation: float
+
+
+def correlation_time(residual: np.ndarray, there: np.ndarray) -> float:
+    """1 + 2 sum of autocorrelations, the factor by which coloured residuals carry less information than white ones.
+
+    ``residual`` (r, k, y) binned; the sum runs to the first lag whose autocorrelation is not positive (Geyer 1992's
+    initial positive sequence, over single lags), and is 1 where the first lies within its sampling error.
+    """
+    worst = 1.0
+    for j in range(residual.shape[2]):
+        x = np.where(there[..., j], residual[..., j], 0.0)
+        n = there[..., j].sum()
+        if n < 16:
+            continue
+        variance = np.sum(x**2) / n
+        total = 0.0
+        for lag in range(1, x.shape[1] // 2):
+            rho = np.sum(x[:, lag:] * x[:, :-lag]) / n / (variance + 1e-300)
+            if rho < 2.0 / np.sqrt(n):
+                break
+            total += rho
+        worst = max(worst, 1.0 + 2.0 * total)
+    return worst
+
+
+def uncertainty(trial: Trial, data: Data, space: Space, *, coloured: bool = True) -> Uncertainty:
+    """Uncertainty of a trial at its solution.
+
+    Gauss-Newton covariance, scaled by the residual variance and, with ``coloured``, by their correlation time.
+    """
+    index = np.asarray(trial.index)
+    real = index < space.size
+    r, jac = (np.asarray(x) for x in jacobian(trial, data, space))
+    jac = jac[:, real]
+    n = data.target.size
+    there = np.array(np.isfinite(np.asarray(data.norm)))
+    binned = r[:n].reshape(there.shape)
+    for j in np.flatnonzero(np.any(np.asarray(data.colour) != 0, axis=1)):
+        there[..., j] &= binned[..., j] != 0
+    dof = max(int(there.sum()) - int(real.sum()), 1)
+    variance = float(np.sum(binned**2)) / dof
+    factor = correlation_time(binned, there) if coloured else 1.0
+    weight = np.concatenate([np.full(n, 1 / np.sqrt(max(variance, 1e-300) * factor)), np.ones(len(r) - n)])
+    information = (jac * weight[:, None]).T @ (jac * weight[:, None])
+    covariance = np.linalg.pinv(information, rcond=1e-14, hermitian=True)
+    keys = tuple(space.keys[i] for i in index[real])
+    rank, words = _open_directions(jac[:n] * weight[:n, None], keys, trial, space, index[real])
+    return Uncertainty(keys, covariance, np.sqrt(np.maximum(np.diag(covariance), 0)), rank, words, factor)
+
+
+def _open_directions(
+    jac: np.ndarray, keys: tuple[str, ...], trial: Trial, space: Space, index: np.ndarray
+) -> tuple[int, tuple[str, ...]]:
+    """(rank, sentences): combinations of parameters that the data alone do not bound."""
+    mine = [i for i, k in enumerate(keys) if not k.startswith("recording_")]
+    log = np.asarray(space.bounds.log)[index]
+    free = np.asarray(trial.free)[index]
+    inner = np.where(log, 1 - np.tanh(free / np.asarray(space.bounds.half)[index]) ** 2, 1.0)
+    scaled = jac[:, mine] / np.maximum(inner[mine], 1e-9)
+    others = [i for i in range(len(keys)) if i not in mine]
+    if others:  # initial states are estimated too: what they can imitate does not count
+        q, _ = np.linalg.qr(jac[:, others])
+        scaled = scaled - q @ (q.T @ scaled)
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
+    sentences = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        if value > 1 / _OPEN**2:
+            continue
+        involved = [keys[mine[i]] for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > 0.25]
+        if len(involved) == 1:
+            sentences.append(f"{involved[0]} is not determined by these recordings")
+        elif involved:
+            sentences.append(f"{', '.join(involved)} are determined only in combination, not each by itself")
+    return int(np.sum(values > 1 / _OPEN**2)), tuple(sentences)
+
+
+def estimates(trial: Trial, space: Space, u: Uncertainty) -> dict[str, Estimate]:
+    """Estimates by key of the moving parameters (initial states left out), 95 % intervals on the natural scale."""
+    out = {}
+    bounds = space.bounds
+    free = np.asarray(trial.free)[:-1]
+    value, slope = np.asarray(bounds.to_value(free)), np.asarray(bounds.slope(free))
+    log = np.asarray(bounds.log)
+    position = {k: i for i, k in enumerate(space.keys)}
+    for key, std_free in zip(u.keys, u.std_free, strict=True):
+        if key.startswith("recording_"):
+            continue
+        i = position[key]
+        std = float(abs(slope[i]) * std_free)
+        half = 1.96 * std
+        if log[i]:
+            ratio = np.exp(min(half / value[i], 700.0))
+            low, high = value[i] / ratio, value[i] * ratio
+        else:
+            low, high = value[i] - half, value[i] + half
+        p = space.structure.slots[i].parameter
+        out[key] = Estimate(float(value[i]), std, p.unit, float(low), float(high), p.description, p.symbol)
+    return out

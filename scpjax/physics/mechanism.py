@@ -1,0 +1,134 @@
+"""A mechanism is one piece of physics: terms in the balances of a model, with parameters and states of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from scpjax.parameter import Parameter
+
+Subsystem = Literal["drive", "thermoelectric", "thermomechanical", "sensor"]
+Quantity = Literal["temperature", "displacement"]
+Side = Float[Array, "sides"]
+
+
+class Values:
+    """A mechanism's parameter values by name: ``p.stiffness``. Each is a scalar or has one entry per side."""
+
+    def __init__(self, values: dict[str, Array]):
+        self.__dict__.update(values)
+
+    def __getattr__(self, name: str) -> Array:  # only reached when the name is missing
+        raise AttributeError(f"no parameter {name!r}; there are {sorted(self.__dict__)}")
+
+
+@dataclass
+class View:
+    """What a mechanism sees of the actuator at one instant; every array has shape (sides,).
+
+    Filled in the order of the balances: ``power`` is there when heats are asked for, ``actuating`` and
+    ``deflection`` when forces are.
+    """
+
+    ambient: Array  # K, scalar
+    effort: Array  # what the drive applies: V^2, W, A^2 or the drive column itself
+    temperature: Array  # K above ambient, of the heated node (or the driven temperature itself)
+    displacement: Array  # m, contraction positive
+    velocity: Array  # m/s
+    own: tuple[Array, ...] = ()  # this mechanism's states
+    power: Array = field(default_factory=lambda: jnp.zeros(()))  # W, into the heated node
+    heat: Array = field(default_factory=lambda: jnp.zeros(()))  # W, net
+    felt: Array = field(default_factory=lambda: jnp.zeros(()))  # K above ambient, where the sensor touches
+    actuating: Array = field(default_factory=lambda: jnp.zeros(()))  # K above ambient, that pulls
+    deflection: Array = field(default_factory=lambda: jnp.zeros(()))  # m, that stretches the spring
+    shared: dict[str, Array] = field(default_factory=dict)  # base parameters others refer to: stiffness, thermal_mass
+
+
+class Mechanism(eqx.Module):
+    """One piece of physics. Every method has a default that changes nothing, so a mechanism writes only what it is.
+
+    Balances (thesis equations (3.2), (3.4)), for each actuator::
+
+        electric    power = effort * ... [W]
+        energy      thermal_mass dT/dt = power + sum of heat()        [W]
+        force       mass d2x/dt2       = sum of force()               [N]
+        sensors     reading = reading()(states)
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    subsystem: ClassVar[Subsystem]
+    equation: ClassVar[str]
+    source: ClassVar[str]
+    says: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    states: ClassVar[tuple[str, ...]] = ()
+    laws: ClassVar[tuple[str, ...]] = ("",)
+    needs: ClassVar[tuple[str, ...]] = ()  # of "electric", "thermal", "mechanical", "temperature_output", ...
+    excited_by: ClassVar[str] = ""
+    starts: ClassVar[tuple[tuple[float, ...], ...]] = ()  # physical (or time-relative) start values, per parameter
+
+    @property
+    def is_base(self) -> bool:
+        """Base mechanisms have no null value: a model is not one without them."""
+        return all(p.null is None for p in self.parameters)
+
+    def power(self, p: Values, view: View, power: Side) -> Side:
+        """Electric power [W] into the heated node, given what the mechanisms before made of it."""
+        return power
+
+    def thermal_mass(self, p: Values, mass: Side) -> Side:
+        """Thermal mass [J/K] of the heated node, given what the mechanisms before made of it."""
+        return mass
+
+    def heat(self, p: Values, view: View) -> Side | float:
+        """Heat [W] flowing into the heated node; losses are negative."""
+        return 0.0
+
+    def actuating_temperature(self, p: Values, view: View, temperature: Side) -> Side:
+        """Temperature [K above ambient] that makes the force."""
+        return temperature
+
+    def felt_temperature(self, p: Values, view: View, temperature: Side) -> Side:
+        """Temperature [K above ambient] at the place where the sensor touches."""
+        return temperature
+
+    def deflection(self, p: Values, view: View, deflection: Side) -> Side:
+        """Displacement [m] that the spring feels."""
+        return deflection
+
+    def force(self, p: Values, view: View) -> Side | float:
+        """Force [N] in the direction of contraction."""
+        return 0.0
+
+    def inertia(self, p: Values) -> Side | float:
+        """Moving mass [kg] that this mechanism adds."""
+        return 0.0
+
+    def rates(self, p: Values, view: View) -> tuple[Side, ...]:
+        """Time derivatives of this mechanism's own states."""
+        return ()
+
+    def initial(self, p: Values, view: View) -> tuple[Side, ...]:
+        """Own states of an actuator that has long been as ``view`` shows it."""
+        return ()
+
+    def delay(self, p: Values) -> Array | float:
+        """Dead time [s] between the recorded drive and what reaches the wire."""
+        return 0.0
+
+    def reading(self, p: Values, view: View, quantity: Quantity, value: Side) -> Side:
+        """What the sensor of ``quantity`` shows [K above ambient, or m], given what the stages before made of it."""
+        return value
+
+    def stored(self, p: Values, view: View) -> Side | float:
+        """Heat [J] stored in this mechanism's own states."""
+        return 0.0
+
+    def lost(self, p: Values, view: View) -> Side | float:
+        """Heat flow [W] that leaves the actuator through this mechanism (exchange between its own nodes is not one)."""
+        return -jnp.asarray(self.heat(p, view))

@@ -1,0 +1,88 @@
+"""Creep: the polymer goes on moving after the force has stopped changing."""
+
+import jax.numpy as jnp
+
+from scpjax.parameter import Parameter
+from scpjax.physics.mechanism import Mechanism, Side, Values, View
+
+
+class Creep(Mechanism):
+    name = "creep"
+    title = "Creep"
+    subsystem = "thermomechanical"
+    equation = (
+        "tau dx_c/dt = J e - x_c, e = x - x_c - x_s;  the spring feels e;  "
+        "law two branches: also r tau dx_s/dt = J_s e - x_s"
+    )
+    source = (
+        "Kelvin-Voigt branches in series with the spring: Findley, Lai, Onaran, Creep and Relaxation of Nonlinear "
+        "Viscoelastic Materials, ch. 5"
+    )
+    says = "Under a steady pull the polymer keeps giving way slowly, and comes back slowly."
+    needs = ("mechanical",)
+    excited_by = "long holds after a step"
+    laws = ("one branch", "two branches")
+    states = ("creep_displacement", "slow_creep_displacement")
+    parameters = (
+        Parameter(
+            name="compliance",
+            symbol="J",
+            unit="1",
+            description="slow displacement as a share of the immediate one",
+            typical=0.2,
+            bounds=(0.003, 30.0),
+            null=0.0,
+            spread=1.5,
+        ),
+        Parameter(
+            name="time_constant",
+            symbol="τ",
+            unit="s",
+            description="retardation time",
+            typical=1.0,
+            bounds=(0.02, 100.0),
+            null=1.0,
+            spread=2.0,
+            time="response",
+        ),
+        Parameter(
+            name="slow_compliance",
+            symbol="J_s",
+            unit="1",
+            description="displacement of the slower branch as a share of the immediate one (law two branches)",
+            typical=0.2,
+            bounds=(0.003, 30.0),
+            null=0.0,
+            spread=1.5,
+        ),
+        Parameter(
+            name="slow_ratio",
+            symbol="r",
+            unit="1",
+            description="retardation time of the slower branch over that of the other (law two branches)",
+            typical=5.0,
+            bounds=(1.5, 100.0),
+            null=5.0,
+            spread=1.0,
+        ),
+    )
+    starts = ((0.3, 1.0, 0.2, 4.0), (0.5, 5.0, 0.3, 4.0))
+
+    def _slow(self, p: Values) -> Side:
+        """Compliance of the slower branch, 0 where the law has only one."""
+        return jnp.where(p.law == 1, p.slow_compliance, 0.0)
+
+    def deflection(self, p: Values, view: View, deflection: Side) -> Side:
+        return deflection - view.own[0] - view.own[1]
+
+    def rates(self, p: Values, view: View) -> tuple[Side, ...]:
+        quick, slow = view.own
+        immediate = view.displacement - quick - slow
+        return (
+            (p.compliance * immediate - quick) / p.time_constant,
+            (self._slow(p) * immediate - slow) / (p.slow_ratio * p.time_constant),
+        )
+
+    def initial(self, p: Values, view: View) -> tuple[Side, ...]:
+        immediate = view.displacement / (1 + p.compliance + self._slow(p))
+        return (p.compliance * immediate, self._slow(p) * immediate)

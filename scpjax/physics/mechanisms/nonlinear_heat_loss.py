@@ -1,0 +1,59 @@
+"""Heat loss that grows faster than the temperature excess: natural convection and radiation."""
+
+import jax.numpy as jnp
+
+from scpjax.parameter import Parameter
+from scpjax.physics.mechanism import Mechanism, Side, Values, View
+
+
+class NonlinearHeatLoss(Mechanism):
+    name = "nonlinear_heat_loss"
+    title = "Heat loss grows faster than the temperature"
+    subsystem = "thermoelectric"
+    equation = "loss = lambda T (1 + a (|T|/T_ref)^n)"
+    source = (
+        "natural convection n = 1/4, radiation about n = 1: "
+        "Incropera, Fundamentals of Heat and Mass Transfer, ch. 9, 12"
+    )
+    says = "A hot actuator loses more heat per degree than a warm one, because the air rises faster and it glows."
+    needs = ("thermal",)
+    excited_by = "cooling curves and steady states at several voltages"
+    parameters = (
+        Parameter(
+            name="strength",
+            symbol="a",
+            unit="1",
+            description="extra conductance, as a share of λ, at the reference excess",
+            typical=0.5,
+            bounds=(0.01, 20.0),
+            null=0.0,
+            spread=1.5,
+        ),
+        Parameter(
+            name="exponent",
+            symbol="n",
+            unit="1",
+            description="growth of the conductance with the temperature excess",
+            typical=0.5,
+            bounds=(0.15, 2.0),
+            null=0.5,
+            spread=0.6,
+        ),
+        Parameter(
+            name="reference",
+            symbol="T_ref",
+            unit="K",
+            description="temperature excess at which the strength is stated",
+            typical=50.0,
+            bounds=(1e-6, 1e9),
+            null=50.0,
+            fixed=True,
+        ),
+    )
+    starts = ((0.3, 0.4, 0.0), (1.5, 0.8, 0.0))
+
+    def heat(self, p: Values, view: View) -> Side:
+        # the small floor keeps the derivative of |T|^n finite at T = 0, far below any thermometer's resolution
+        relative = jnp.sqrt(view.temperature**2 + (1e-5 * p.reference) ** 2) / p.reference
+        growth = jnp.exp(p.exponent * jnp.log(relative))
+        return -view.shared["conductance"] * p.strength * growth * view.temperature

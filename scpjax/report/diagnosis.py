@@ -1,0 +1,244 @@
+"""The page of a diagnosis, and its numbers as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+
+from scpjax.diagnose.result import Diagnosis, Named, Scores
+from scpjax.physics.catalogue import catalogue
+from scpjax.physics.storage import save_model
+from scpjax.recordings.recording import Recording
+from scpjax.report import bars, page, plot
+from scpjax.report.numbers import column, number, percent
+from scpjax.report.pieces import (
+    fact,
+    heading,
+    model_extra,
+    overlay_figures,
+    overlays,
+    parameters_table,
+    reproduce,
+    row,
+    sentence,
+    title,
+    write_figures,
+    write_json,
+    write_page,
+)
+
+_PLACES = {
+    "drive": "the drive: between the recorded input and the wire",
+    "thermoelectric": "the heat balance: what power comes in, what is stored and what is lost",
+    "thermomechanical": "the force balance: what pulls, what resists, what gives way",
+    "sensor": "the sensor: between the actuator and the number that was recorded",
+}
+
+
+def write_diagnosis(
+    diagnosis: Diagnosis, out_dir: str | Path, *, recordings: Sequence[Recording] = (), command: str = ""
+) -> Path:
+    """Write diagnosis.json, model.json, figures/*.png and report.html; the path of the report.
+
+    ``command`` is the line that can be run to make them again.
+    """
+    d, out = diagnosis, Path(out_dir)
+    write_json(out / "diagnosis.json", d.to_json())
+    save_model(d.model, out / "model.json", extra=model_extra(recordings, d.base.noise))
+    base_label, after_label = _labels(d)
+    files = overlays(d.traces, d.base.noise, (base_label, after_label))
+    names = list(dict.fromkeys(t.recording for t in d.traces))
+    ends = {t.recording: (float(t.time[0]), float(t.time[-1])) for t in d.traces}
+    shapes = {**files}
+    if d.location.windows or d.location.regimes or d.location.depends_on:
+        shapes["misfit"] = plot.png(bars.misfit(d.location, names, ends))
+    first = sorted((r for r in d.ranking if r.round == 1), key=lambda r: -r.delta_bic)[:16]
+    if first:
+        titles = {k: m.title for k, m in catalogue().items()}
+        shapes["ranking"] = plot.png(bars.ranking(first, [m.name for m in d.mechanisms], titles))
+    write_figures(out, shapes)
+    body = [
+        _diagnosis_head(d),
+        _where(d, shapes),
+        page.section("What is missing", *(_mechanism(m) for m in d.mechanisms), _nothing_named(d)),
+        page.section(
+            "Before and after",
+            _scores_table(d),
+            overlay_figures(files, d.traces, bool(d.mechanisms)),
+        ),
+        page.section(
+            "What was tried",
+            page.text(
+                "Each mechanism was added to the base model and fitted. Evidence counts only where it also "
+                "predicts the held-out stretches better."
+            ),
+            page.figure(shapes["ranking"], _RANKING_CAPTION) if "ranking" in shapes else "",
+            _rounds(d),
+        ),
+        page.section("What these recordings cannot tell apart", *_cannot_tell(d)),
+        page.section("Parameters of the extended model", parameters_table(d.base_parameters)),
+        page.section("Notes", page.bullets(d.notes)),
+        reproduce(command, d.settings, d.seconds, recordings),
+    ]
+    return write_page(out, f"scpjax diagnosis: {d.verdict}", body)
+
+
+_RANKING_CAPTION = (
+    "First round: fall of the Bayesian information criterion (above 10 is very strong; logarithmic beyond "
+    "10) and the part of the held-out misfit that each mechanism removes. In blue what was named."
+)
+
+
+def _diagnosis_head(d: Diagnosis) -> str:
+    items = []
+    for name, before in d.base.held_out.items():
+        after = d.extended.held_out.get(name, before)
+        noise = d.base.noise.get(name)
+        old = before["rmse"] if d.mechanisms else None
+        items.append(fact(name, old, after["rmse"], "held-out error", noise))
+    files = ", ".join(dict.fromkeys(t.recording for t in d.traces))
+    return heading("Diagnosis", d.verdict, d.verdict, d.says, files) + page.facts(items)
+
+
+def _where(d: Diagnosis, shapes: Mapping[str, bytes]) -> str:
+    """Where base model and recordings part."""
+    where, words = d.location, column(d.location.column)[0].lower()
+    if d.verdict == "adequate":
+        lead = f"No stretch stands out; the residuals, largest in the {words}, are those of noise."
+    else:
+        lead = f"In {_PLACES.get(where.subsystem, where.subsystem)}. It shows most in the {words}"
+        lead += f", while {_regime(where.regimes)}." if where.regimes else "."
+    strongest = [v for v, s in where.depends_on if s >= 0.15][:2]
+    more = ""
+    if strongest and d.verdict != "adequate":
+        names = " and the ".join(v.replace("_", " ") for v in strongest)
+        more = f"The residual goes with the {names}."
+    picture = ""
+    if "misfit" in shapes:
+        caption = "Misfit of the base model beyond the noise: when, in which regime, and what it follows."
+        picture = page.figure(shapes["misfit"], caption)
+    return page.section("Where", page.text(f"{lead} {more}".strip()), picture)
+
+
+def _regime(regimes: Mapping[str, float]) -> str:
+    name = max(regimes, key=lambda k: regimes[k])
+    words = {
+        "heating": "it heats up",
+        "cooling": "it cools down",
+        "rest": "it rests",
+        "steady": "it is held steady",
+        "reversal": "the motion reverses",
+    }
+    return f"{words.get(name, name)} ({percent(regimes[name])} of the misfit)"
+
+
+def _mechanism(m: Named) -> str:
+    law = f" ({m.law.replace('_', ' ')})" if m.law else ""
+    rows = [row(k, e) for k, e in m.parameters.items()]
+    others = ""
+    if m.equivalents:
+        titles = ", ".join(title(e) for e in m.equivalents)
+        others = page.text(f"These recordings do not tell it from: {titles}.", "small")
+    return "\n".join(
+        part
+        for part in (
+            '<div class="card">',
+            f'<header><h3>{escape(m.title + law)}</h3><span class="soft small">probability '
+            f"{percent(m.probability)} · <code>{escape(m.name)}</code></span></header>",
+            page.text(m.says),
+            page.table(("Parameter", "", "Estimate", "95 % interval", "Unit"), rows, (2,), tight=(3, 4)),
+            f'<div class="equation">{escape(m.equation)}</div>' if m.equation else "",
+            others,
+            page.text(f"Source: {m.source}", "soft small") if m.source else "",
+            "</div>",
+        )
+        if part
+    )
+
+
+def _nothing_named(d: Diagnosis) -> str:
+    if d.mechanisms:
+        return ""
+    if d.verdict == "adequate":
+        return page.text("Nothing, at this noise: no mechanism of the catalogue earned its parameters.")
+    return page.text("No mechanism of the catalogue explains it; none was given a name it has not earned.")
+
+
+def _scores_table(d: Diagnosis) -> str:
+    head = (
+        "Column",
+        "Unit",
+        "Noise",
+        "Base, fitted",
+        "Base, held out",
+        "Extended, fitted",
+        "Extended, held out",
+        "Fit",
+    )
+    rows = []
+    for name, held in d.base.held_out.items():
+        words, u = column(name)
+        after = d.extended.held_out.get(name, {})
+        rows.append(
+            (
+                words,
+                u,
+                number(d.base.noise.get(name, math.nan), 2),
+                *(number(_rmse(s, name, held_out), 3) for s in (d.base, d.extended) for held_out in (False, True)),
+                f"{number(held.get('nrmse', math.nan))} → {number(after.get('nrmse', math.nan))} %",
+            )
+        )
+    what = page.text(
+        f"Root mean square errors of the base model ({d.base.model}) and the extended one "
+        f"({d.extended.model}), on what was fitted and on what was held out. Fit (held out): 100 % is "
+        "perfect, 0 % no better than the mean.",
+        "small soft",
+    )
+    return page.table(head, rows, (2, 3, 4, 5, 6, 7)) + what
+
+
+def _rmse(s: Scores, name: str, held_out: bool) -> float:
+    return (s.held_out if held_out else s.train).get(name, {}).get("rmse", math.nan)
+
+
+def _rounds(d: Diagnosis) -> str:
+    later = [r for r in d.ranking if r.round > 1]
+    rows = []
+    for round_ in sorted({r.round for r in later}):
+        best = sorted((r for r in later if r.round == round_), key=lambda r: -r.delta_bic)[:5]
+        rows += [
+            (
+                str(round_),
+                title(r.name),
+                number(r.delta_bic),
+                percent(max(r.held_out_gain, 0.0)),
+                percent(r.probability),
+            )
+            for r in best
+        ]
+    head = (
+        "Round",
+        "Added to what was named before",
+        "Fall of the BIC",
+        "Held-out misfit removed",
+        "Probability",
+    )
+    return page.table(head, rows, (2, 3, 4))
+
+
+def _cannot_tell(d: Diagnosis) -> list[str]:
+    parts = [
+        page.bullets(
+            [f"{m.title}, or {', '.join(title(e) for e in m.equivalents)}." for m in d.mechanisms if m.equivalents]
+        ),
+        page.bullets([sentence(s) for s in dict.fromkeys(d.not_identifiable)]),
+    ]
+    if not any(parts):
+        parts = [page.text("Nothing: every parameter is determined, and no other mechanism does as well.")]
+    return parts
+
+
+def _labels(d: Diagnosis) -> tuple[str, str]:
+    return "base model", "extended model" if d.mechanisms else "model"

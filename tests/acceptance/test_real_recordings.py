@@ -1,0 +1,66 @@
+"""Real recordings, judged on files that took no part in fitting or choosing."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+
+from scpjax.diagnose.diagnose import diagnose
+from scpjax.fit.metrics import nrmse
+from scpjax.fit.predict import predict
+from scpjax.recordings.files import read_recording
+
+
+@pytest.fixture(scope="module")
+def tclab(data_dir):
+    return diagnose([read_recording(data_dir / "tclab" / "step_train.csv")])
+
+
+def test_heater_board(tclab, data_dir):
+    unseen = read_recording(data_dir / "tclab" / "step_test.csv")
+    measured = unseen.output("temperature") - 273.15
+    scores = []
+    for model in (tclab.base_model, tclab.model):
+        scores.append(nrmse(predict(model, unseen, noise=tclab.base.noise)[1]["temperature_degC"], measured))
+    print(f"TCLab: base {scores[0]:.1f} %, extended {scores[1]:.1f} %, {[m.name for m in tclab.mechanisms]}")
+    assert 70 < scores[0] < 80
+    assert scores[1] >= 92
+    assert tclab.mechanisms
+
+
+def first_cycles(recording, n=2):
+    """End [s] of the ``n``-th pressure cycle: the minimum after the n-th maximum."""
+    p = recording.inputs[:, 0]
+    low, high = p.min() + 0.25 * np.ptp(p), p.min() + 0.75 * np.ptp(p)
+    state, ends, start = "low", [], None
+    for i, value in enumerate(p):
+        if state == "low" and value > high:
+            if start is not None:
+                ends.append(start + int(np.argmin(p[start:i])))
+            state = "high"
+        elif state == "high" and value < low:
+            state, start = "low", i
+    return float(recording.time[ends[n - 1]])
+
+
+@pytest.mark.skipif(
+    os.environ.get("SCPJAX_ACCEPTANCE") != "1", reason="skipped: set SCPJAX_ACCEPTANCE=1 to run every acceptance case"
+)
+def test_fluidic_muscle(data_dir):
+    scores = []
+    for file in sorted((data_dir / "cavatappi").glob("sample1_*.csv")):
+        whole = read_recording(file)
+        end = first_cycles(whole)
+        d = diagnose([whole.slice(None, end)])
+        later = whole.time >= end
+        row = []
+        for model in (d.base_model, d.model):
+            _, said = predict(model, whole, noise=d.base.noise)
+            row.append(nrmse(said["displacement_mm"][later], 1e3 * whole.output("displacement")[later]))
+        print(f"{file.stem}: base {row[0]:.1f} %, extended {row[1]:.1f} %, {[m.name for m in d.mechanisms]}")
+        scores.append(row)
+    base, extended = np.median(scores, axis=0)
+    print(f"median: base {base:.1f} %, extended {extended:.1f} %")
+    assert extended >= 80

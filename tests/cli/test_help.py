@@ -1,0 +1,62 @@
+"""The program answers at once where nothing is to be computed."""
+
+import subprocess
+import sys
+import time
+
+import pytest
+
+import scpjax
+from scpjax.cli import main
+
+COMMANDS = ("simulate", "fit", "diagnose", "predict", "fleet", "demo")
+
+
+def test_help_is_quick():
+    took = []
+    for _ in range(3):
+        began = time.perf_counter()
+        found = subprocess.run([sys.executable, "-m", "scpjax.cli", "--help"], capture_output=True, text=True)
+        took.append(time.perf_counter() - began)
+        assert found.returncode == 0
+        assert all(name in found.stdout for name in COMMANDS)
+    assert min(took) < 0.5
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys, scpjax.cli\n"
+        "try: scpjax.cli.main(['diagnose', '--help'])\n"
+        "except SystemExit as e: assert e.code == 0\n"
+        "print(sorted({'jax', 'numpy', 'scipy', 'matplotlib', 'tqdm'} & set(sys.modules)))"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip().endswith("[]")
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit) as left:
+        main(["--version"])
+    assert left.value.code == 0
+    assert capsys.readouterr().out == f"scpjax {scpjax.__version__}\n"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_help(name, capsys):
+    with pytest.raises(SystemExit) as left:
+        main([name, "--help"])
+    assert left.value.code == 0
+    assert "--out" in capsys.readouterr().out
+
+
+def test_cache_follows_the_environment(monkeypatch, tmp_path):
+    from scpjax.cli.program import cache_folder
+
+    monkeypatch.setenv("SCPJAX_CACHE", str(tmp_path))
+    assert cache_folder() == tmp_path
+    monkeypatch.setenv("SCPJAX_CACHE", "")
+    assert cache_folder() is None
+    monkeypatch.delenv("SCPJAX_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    if sys.platform.startswith("linux"):
+        assert cache_folder() == tmp_path / "scpjax"

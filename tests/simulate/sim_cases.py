@@ -1,0 +1,93 @@
+"""Models, recordings and yardsticks of the simulation tests."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scpjax.physics import presets
+from scpjax.physics.catalogue import catalogue, left_out
+from scpjax.physics.model import Model, Structure
+from scpjax.recordings.excitation import multilevel_random
+from scpjax.recordings.recording import Recording
+
+PARAMETERS = {
+    "resistance": 10.0,
+    "conductance": 0.2,
+    "thermal_mass": 1.5,
+    "coefficient": 0.02,
+    "stiffness": 180.0,
+    "damping": 5.0,
+    "mass": 0.2,
+}
+PLANT = presets.plant(**PARAMETERS)
+
+# a value far from null for each left-out mechanism; one not listed here takes its first start value
+ACTIVE = {
+    "creep": {"compliance": 0.3, "time_constant": 2.0, "slow_compliance": 0.2, "slow_ratio": 4.0},
+    "hysteresis": {"strength": 0.4, "width": 0.15},
+    "input_delay": {"time": 0.1},
+    "nonlinear_heat_loss": {"strength": 0.8, "exponent": 0.6},
+    "nonlinear_stiffness": {"quadratic": 0.3, "cubic": 0.4},
+    "resistance_temperature": {"coefficient": 0.004},
+    "sensor_lag": {"time_constant": 0.3},
+    "two_node_thermal": {"share": 0.4, "time_constant": 0.3},
+}
+# their equations have kinks even where the mechanism is at null, so each gets a structure of its own
+KINKED = ("hysteresis", "friction", "slack", "supply_sag", "drive_dead_zone")
+
+LEFT_OUT = [m.name for m in left_out()]
+CASES = [(m.name, law) for m in left_out() for law in range(len(m.laws))]
+
+
+def case_id(case: tuple[str, int]) -> str:
+    """Name of a case in pytest's output: ``two_node_thermal-wire``."""
+    law = catalogue()[case[0]].laws[case[1]]
+    return f"{case[0]}-{law}" if law else case[0]
+
+
+def extended(structure: Structure, *names: str) -> Structure:
+    """A structure with those left-out mechanisms."""
+    return structure.with_mechanisms(*(catalogue()[n] for n in names))
+
+
+def smooth() -> Structure:
+    """The plant with every left-out mechanism that is smooth at its null: one compilation for all."""
+    return extended(PLANT.structure, *(n for n in LEFT_OUT if n not in KINKED))
+
+
+def at_null(structure: Structure, base: Model = PLANT) -> Model:
+    """The base's values, every left-out mechanism at its null."""
+    return Model(structure, ambient=base.ambient).replace(base.values())
+
+
+def active_values(name: str) -> dict[str, float]:
+    """Representative values of a mechanism, by key."""
+    m = catalogue()[name]
+    start = m.starts[0] if m.starts else tuple(p.typical for p in m.parameters)
+    known = ACTIVE.get(name, {p.name: v for p, v in zip(m.parameters, start, strict=True) if not p.fixed})
+    return {f"{name}.{p}": v for p, v in known.items()}
+
+
+def with_active(structure: Structure, name: str, law: int = 0) -> Model:
+    """One mechanism at its representative value and law, the others at null."""
+    laws = [float(law) if m.name == name else 0.0 for m in structure.mechanisms]
+    model = Model(structure, laws=laws, ambient=PLANT.ambient)
+    return model.replace(PLANT.values() | active_values(name))
+
+
+def recorded(time, columns: dict, *, hold="zero_order") -> Recording:
+    """A recording of those drives; its output plays no part."""
+    return Recording.from_arrays(time, columns, {"displacement_mm": np.zeros(len(time))}, hold=hold)
+
+
+def multilevel(*, duration=6.0, period=0.05, hold_s=0.5, hold="zero_order", column="voltage_V", high=10.0) -> Recording:
+    """Random levels, some of them zero."""
+    time, volts = multilevel_random(duration_s=duration, period_s=period, low=0.0, high=high, hold_s=hold_s, seed=3)
+    return recorded(time, {column: volts}, hold=hold)
+
+
+def worst(found, wanted) -> float:
+    """Greatest difference of any state or output, relative to the greatest value it takes."""
+    found, wanted = np.asarray(found), np.asarray(wanted)
+    scale = np.max(np.abs(wanted), axis=0)
+    return float(np.max(np.abs(found - wanted) / np.where(scale > 0, scale, 1.0)))
