@@ -11,7 +11,7 @@ import pytest
 
 import scpjax
 from scpjax.physics.catalogue import catalogue, left_out
-from scpjax.physics.model import Structure
+from scpjax.physics.structure import Structure
 
 SOURCE = Path(scpjax.__file__).parent
 RANK = {

@@ -10,9 +10,10 @@ from typing import Any, get_args
 from scpjax.errors import ModelError, RecordingError, ScpjaxError
 from scpjax.fit.setup import KNOWN
 from scpjax.physics.known import KNOWN_MODELS, known_model, with_drive
-from scpjax.physics.model import DriveKind, Model, Structure
+from scpjax.physics.model import Model
 from scpjax.physics.presets import structure
 from scpjax.physics.storage import load_model
+from scpjax.physics.structure import DriveKind, Structure
 from scpjax.recordings.files import read_recording
 from scpjax.recordings.recording import Hold, Recording, place
 from scpjax.recordings.roles import is_temperature, split_names

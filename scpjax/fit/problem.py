@@ -16,7 +16,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from scpjax.errors import FitError
 from scpjax.parameter import Bounded
-from scpjax.physics.model import Model, Structure
+from scpjax.physics.model import Model
+from scpjax.physics.structure import Structure
 from scpjax.recordings.recording import Recording
 from scpjax.simulate.drive import Grid, make_grid
 from scpjax.simulate.simulate import at_samples, node_states, stepper
@@ -130,6 +131,7 @@ def binned_residuals(
         m = eqx.tree_at(lambda m_: m_.ambient, model, ambient)
         z0 = initial_state(m, locals_, values, effort)
         advance, drive = stepper(m, grid, order=data.order)
+        observe = m.balances().observe
         n_y, bins = at_start.shape[1], target.shape[0]
         fold = lambda x: x.reshape(bins, data.bin, *x.shape[1:])  # noqa: E731
         ends = (lambda u: (u, u)) if drive.ndim == 2 else (lambda u: (u[0], u[2]))
@@ -138,7 +140,7 @@ def binned_residuals(
             z, y, total = carry
             u, ws, we = xs
             z = advance(z, u)
-            y_end = m.observe_list(z, ends(u)[1])
+            y_end = observe(z, ends(u)[1])
             total = [t + ws[i] * y[i] + we[i] * y_end[i] for i, t in enumerate(total)]
             return (z, y_end, total), None
 
@@ -148,7 +150,7 @@ def binned_residuals(
             return (z, y), total
 
         z = [z0[i] for i in range(z0.shape[0])]
-        first = m.observe_list(z, ends(drive[0])[0])
+        first = observe(z, ends(drive[0])[0])
         _, totals = jax.lax.scan(one_bin, (z, first), (fold(drive), fold(at_start), fold(at_end)))
         return (jnp.stack(totals, axis=-1) - target) / norm
 

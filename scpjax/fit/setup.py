@@ -14,8 +14,8 @@ from scpjax.fit.start import Linear, best_linear, thermal_mass_from_energy
 from scpjax.parameter import Bounded, Parameter
 from scpjax.physics.catalogue import applicable
 from scpjax.physics.mechanism import Mechanism
-from scpjax.physics.model import Structure
 from scpjax.physics.presets import structure as preset
+from scpjax.physics.structure import Structure
 from scpjax.recordings.condition import estimate_noise, resample
 from scpjax.recordings.recording import Recording, check_informative
 from scpjax.simulate.drive import drive_kind, drive_values, effort, held_means

@@ -8,7 +8,8 @@ import equinox as eqx
 
 from scpjax.errors import ModelError
 from scpjax.physics import presets
-from scpjax.physics.model import DriveKind, Model
+from scpjax.physics.model import Model
+from scpjax.physics.structure import DriveKind
 from scpjax.recordings.thesis import TABLE_3_5, TABLE_4_14
 
 KNOWN_MODELS = ("te", "tm", "plant", "aaa", "thesis")

@@ -8,7 +8,8 @@ import numpy as np
 
 from scpjax.errors import ModelError
 from scpjax.physics.catalogue import mechanism
-from scpjax.physics.model import DriveKind, Model, Structure
+from scpjax.physics.model import Model
+from scpjax.physics.structure import DriveKind, Structure
 
 _THERMAL = ("joule_heating", "newton_cooling")
 _MECHANICAL = ("thermal_actuation", "elastic_spring", "viscous_damping", "inertia")

@@ -16,7 +16,8 @@ import scpjax
 from scpjax.errors import ModelError
 from scpjax.physics.catalogue import catalogue
 from scpjax.physics.mechanism import Mechanism
-from scpjax.physics.model import DriveKind, Model, Structure
+from scpjax.physics.model import Model
+from scpjax.physics.structure import DriveKind, Structure
 from scpjax.recordings.files import write_text
 
 SCHEMA = "scpjax.model/1"

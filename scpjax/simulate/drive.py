@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from scpjax.errors import ModelError
-from scpjax.physics.model import DriveKind, Structure
+from scpjax.physics.structure import DriveKind, Structure
 from scpjax.recordings.recording import Hold, Recording
 
 _KINDS: dict[str, DriveKind] = {"voltage": "voltage", "pwm": "pwm", "current": "current", "power": "power"}

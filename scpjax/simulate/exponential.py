@@ -77,15 +77,27 @@ class _Matrix:
         self.rows = [[(j, matrix[i, j]) for j in range(len(pattern)) if pattern[i][j]] for i in range(len(pattern))]
 
     def __call__(self, vector: list[Array]) -> list[Array]:
-        return [sum((m * vector[j] for j, m in row), start=jnp.zeros_like(vector[0])) for row in self.rows]
+        return [_total([m * vector[j] for j, m in row]) for row in self.rows]
+
+
+def _total(terms: list[Array]) -> Array:
+    return sum(terms[1:], start=terms[0])
 
 
 def _add(*vectors: list[Array]) -> list[Array]:
-    return [sum(parts[1:], start=parts[0]) for parts in zip(*vectors, strict=True)]
+    return [_total(list(parts)) for parts in zip(*vectors, strict=True)]
 
 
 def _combine(*terms: tuple[float, list[Array]]) -> list[Array]:
-    return _add(*([factor * x for x in vector] for factor, vector in terms))
+    """Sum of vectors times plain numbers."""
+    out = []
+    for i in range(len(terms[0][1])):
+        total = terms[0][1][i] if terms[0][0] == 1.0 else terms[0][0] * terms[0][1][i]
+        for factor, vector in terms[1:]:
+            part = vector[i] if abs(factor) == 1.0 else abs(factor) * vector[i]
+            total = total + part if factor > 0 else total - part
+        out.append(total)
+    return out
 
 
 Step = Callable[[list[Array], Array], list[Array]]
@@ -98,16 +110,14 @@ def etd2(rates: Rates, a: Float[Array, "n n"], step: Array, *, pattern: Pattern)
     ``pattern`` says which entries of functions of ``a`` can differ from zero. Returns the map over one step.
     """
     p0, p1, p2, _ = phi_functions(a * step)
-    core = _Matrix(a, pattern)
-    p0, p1, p2 = _Matrix(p0, pattern), _Matrix(p1 * step, pattern), _Matrix(p2 * step, pattern)
-
-    def rest(z, u):
-        return _combine((1.0, rates(z, u)), (-1.0, core(z)))
+    # with n = f - A z: exp(A h) z + h phi_1 n = z + h phi_1 f, and the difference of n at both ends needs no product
+    # with A either, for A h phi_1 = exp(A h) - 1
+    first, second, back = (_Matrix(m, pattern) for m in (p1 * step, p2 * step, p2 @ p0 * step))
 
     def advance(z, u):
-        n0 = rest(z, u)
-        predicted = _add(p0(z), p1(n0))
-        return _add(predicted, p2(_combine((1.0, rest(predicted, u)), (-1.0, n0))))
+        f = rates(z, u)
+        predicted = _add(z, first(f))
+        return _combine((1.0, predicted), (1.0, second(rates(predicted, u))), (-1.0, back(f)))
 
     return advance
 
@@ -120,18 +130,19 @@ def etd4(rates: Rates, a: Float[Array, "n n"], step: Array, *, pattern: Pattern)
     half = phi_functions(a * (step / 2))
     whole = double(half)
     core = _Matrix(a, pattern)
-    h0, h1, h2 = (_Matrix(m, pattern) for m in (half[0], half[1] * step / 2, half[2] * step))
-    p0, p1, p2, p3 = (_Matrix(m, pattern) for m in (whole[0], whole[1] * step, whole[2] * step, whole[3] * step))
+    h1, h2 = (_Matrix(m, pattern) for m in (half[1] * step / 2, half[2] * step))
+    p1, p2, p3 = (_Matrix(m, pattern) for m in (whole[1] * step, whole[2] * step, whole[3] * step))
 
     def rest(z, u):
         return _combine((1.0, rates(z, u)), (-1.0, core(z)))
 
     def advance(z, u):
-        n0 = rest(z, u[0])
-        at_half = _add(h0(z), h1(n0))
+        f0 = rates(z, u[0])
+        n0 = _combine((1.0, f0), (-1.0, core(z)))
+        at_half = _add(z, h1(f0))
         na = rest(at_half, u[1])
         nb = rest(_add(at_half, h2(_combine((1.0, na), (-1.0, n0)))), u[1])
-        free = _add(p0(z), p1(n0))
+        free = _add(z, p1(f0))
         nc = rest(_add(free, p2(_combine((2.0, nb), (-2.0, n0)))), u[2])
         second = p2(_combine((-3.0, n0), (2.0, na), (2.0, nb), (-1.0, nc)))
         third = p3(_combine((4.0, n0), (-4.0, na), (-4.0, nb), (4.0, nc)))

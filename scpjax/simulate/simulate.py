@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from scpjax.errors import ModelError
+from scpjax.physics.balances import coupling
 from scpjax.physics.mechanism import Mechanism
-from scpjax.physics.model import Model, coupling
+from scpjax.physics.model import Model
 from scpjax.recordings.recording import Recording
 from scpjax.simulate.drive import Grid, delayed, make_grid
 from scpjax.simulate.exponential import Step, all_nodes, etd2, etd4
@@ -62,9 +63,10 @@ def stepper(model: Model, grid: Grid, *, order: int = 2) -> tuple[Step, Float[Ar
         nodes = delayed(nodes, grid.step, model.delay(), grid.constant)
     a, _ = model.linearise()
     pattern = coupling(model.structure)
+    rates = model.balances().rates
     if order == 2 and grid.constant:
-        return etd2(model.rates_list, a, grid.step, pattern=pattern), nodes[:, 0, :]
-    return etd4(model.rates_list, a, grid.step, pattern=pattern), nodes
+        return etd2(rates, a, grid.step, pattern=pattern), nodes[:, 0, :]
+    return etd4(rates, a, grid.step, pattern=pattern), nodes
 
 
 def node_states(model: Model, grid: Grid, z0: Float[Array, " states"], *, order: int = 2) -> tuple[Array, Array]:
@@ -132,16 +134,18 @@ def energy_balance(model: Model, recording: Recording, *, initial: Array | None 
 def _heats(model: Model, grid: Grid, z0: Array) -> dict[str, Array]:
     nodes = delayed(grid.effort, grid.step, model.delay(), grid.constant)
 
+    balances = model.balances()
+
     def rates(z, u):
-        power, lost, _ = model.heat_flows(z[:-2], u)
-        return [*model.rates_list(z[:-2], u), power, lost]
+        power, lost, _ = balances.heat_flows(z[:-2], u)
+        return [*balances.rates(z[:-2], u), power, lost]
 
     n, sides = model.structure.n_states, len(model.structure.sides)
     z_all = jnp.concatenate([z0, jnp.zeros(2, z0.dtype)])
     a = jax.jacfwd(lambda z: jnp.stack(rates([z[i] for i in range(n + 2)], jnp.zeros(sides))))(jnp.zeros_like(z_all))
     dense = ((True,) * (n + 2),) * (n + 2)
     end = all_nodes(etd4(rates, a, grid.step, pattern=dense), z_all, nodes)[-1]
-    stored = [model.heat_flows(z, nodes[i, j])[2] for z, i, j in ((z0, 0, 0), (end[:-2], -1, 2))]
+    stored = [balances.heat_flows(z, nodes[i, j])[2] for z, i, j in ((z0, 0, 0), (end[:-2], -1, 2))]
     return {"supplied": end[-2], "lost": end[-1], "stored": stored[1] - stored[0]}
 
 

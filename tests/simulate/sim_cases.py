@@ -6,7 +6,8 @@ import numpy as np
 
 from scpjax.physics import presets
 from scpjax.physics.catalogue import catalogue, left_out
-from scpjax.physics.model import Model, Structure
+from scpjax.physics.model import Model
+from scpjax.physics.structure import Structure
 from scpjax.recordings.excitation import multilevel_random
 from scpjax.recordings.recording import Recording
 

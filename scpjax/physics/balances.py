@@ -1,0 +1,237 @@
+"""The balances of a model, evaluated scalar by scalar.
+
+States are kept apart: batched over trials and sensitivities, an integrator that does so compiles to long vector loops.
+Everything that does not change along a trajectory (parameter values, masses) is worked out once, when `Balances` is
+made, so that one step of a simulation holds only what it must.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.extend.core import Literal
+from jaxtyping import Array, Float
+
+from scpjax.physics.mechanism import Mechanism, Values, View
+from scpjax.physics.structure import Structure
+
+States = Sequence[Array]
+
+
+class Balances:
+    """Energy and force balances and sensors of one model, with its numbers put in.
+
+    One actuator sees scalars, a joint arrays (2,) of agonist and antagonist.
+    """
+
+    def __init__(self, structure: Structure, theta: Array, laws: Array, ambient: Array):
+        self.structure, self.ambient, self.dtype = structure, ambient, theta.dtype
+        self.sides = len(structure.sides)
+        self.values: list[Values] = []
+        self.shared: dict[str, Array] = {}  # base parameters that mechanisms refer to: stiffness, thermal_mass
+        for i, (m, places) in enumerate(zip(structure.mechanisms, structure.places, strict=True)):
+            mine = {n: theta[at[0]] if len(at) == 1 else theta[jnp.array(at)] for n, at in places}
+            if len(m.laws) > 1:
+                mine["law"] = laws[i]
+            self.values.append(Values(mine))
+            if m.is_base:
+                self.shared |= mine
+        self.thermal_mass = jnp.zeros(self._shape, self.dtype)
+        moving = jnp.zeros((), self.dtype)
+        for m, p in zip(structure.mechanisms, self.values, strict=True):
+            if _has(m, "thermal_mass"):
+                self.thermal_mass = m.thermal_mass(p, self.thermal_mass)
+            if _has(m, "inertia"):
+                moving = moving + jnp.sum(jnp.broadcast_to(jnp.asarray(m.inertia(p)), self._shape))
+        self.moving_mass = moving + 0.5 * structure.pulley_mass  # thesis (3.7), (C.4)
+
+    # -- states to what mechanisms see ---------------------------------------------------------------------------
+
+    @property
+    def _shape(self) -> tuple[int, ...]:
+        return () if self.sides == 1 else (self.sides,)
+
+    def _join(self, parts: Sequence[Array]) -> Array:
+        return parts[0] if self.sides == 1 else jnp.stack(list(parts))
+
+    def _each(self, values: Array) -> list[Array]:
+        if self.sides == 1:
+            return [jnp.reshape(values, ())]
+        values = jnp.broadcast_to(values, (self.sides,))
+        return [values[i] for i in range(self.sides)]
+
+    def _signed(self, x: Array) -> Array:
+        """Of the coordinate, the share of each side: its antagonist lengthens as the agonist contracts."""
+        return x if self.sides == 1 else jnp.stack([x, -x])
+
+    def _net(self, forces: Array) -> Array:
+        return forces if self.sides == 1 else forces[0] - forces[1]
+
+    def _view(self, z: States, effort: Array) -> tuple[View, list[tuple[Array, ...]]]:
+        s, at = self.sides, 0
+        effort = jnp.reshape(effort, self._shape)
+        if self.structure.thermal:
+            temperature, at = self._join(z[:s]), s
+        else:
+            temperature = effort
+        still = jnp.zeros(self._shape, self.dtype)
+        x = v = still
+        if self.structure.mechanical:
+            x, v = self._signed(z[at]), self._signed(z[at + 1])
+            at += 2
+        owns = []
+        for m in self.structure.mechanisms:
+            owns.append(tuple(self._join(z[at + i * s : at + (i + 1) * s]) for i in range(len(m.states))))
+            at += s * len(m.states)
+        view = View(self.ambient, effort, temperature, x, v, shared=self.shared)
+        view.felt = view.actuating = temperature
+        view.deflection = x
+        return view, owns
+
+    def _fold(self, hook: str, start, view: View, owns: list, *extra):
+        for m, p, own in zip(self.structure.mechanisms, self.values, owns, strict=True):
+            if _has(m, hook):
+                view.own = own
+                start = getattr(m, hook)(p, view, *extra, start)
+        return start
+
+    def _sum(self, hook: str, view: View, owns: list) -> Array:
+        total = None
+        for m, p, own in zip(self.structure.mechanisms, self.values, owns, strict=True):
+            if _has(m, hook):
+                view.own = own
+                term = jnp.asarray(getattr(m, hook)(p, view))
+                total = term if total is None else total + term
+        return jnp.zeros(self._shape, self.dtype) if total is None else total
+
+    def _heat(self, view: View, owns: list) -> None:
+        view.power = self._fold("power", jnp.zeros(self._shape, self.dtype), view, owns)
+        view.heat = view.power + self._sum("heat", view, owns)
+
+    def _force(self, view: View, owns: list) -> Array:
+        view.actuating = self._fold("actuating_temperature", view.temperature, view, owns)
+        view.deflection = self._fold("deflection", view.displacement, view, owns)
+        return self._net(self._sum("force", view, owns))
+
+    # -- evaluation ----------------------------------------------------------------------------------------------
+
+    def rates(self, z: States, effort: Float[Array, " sides"]) -> list[Array]:
+        """Time derivative of every state under an effort (V^2, W, ... per side): thesis (3.2), (3.4), (3.7)."""
+        view, owns = self._view(z, effort)
+        parts: list[Array] = []
+        if self.structure.thermal:
+            self._heat(view, owns)
+            parts += self._each(view.heat / self.thermal_mass)
+        if self.structure.mechanical:
+            force = self._force(view, owns)
+            parts += [z[len(parts) + 1], force / self.moving_mass]
+        if self.structure.thermal and any(m.states for m in self.structure.mechanisms):
+            view.felt = self._fold("felt_temperature", view.temperature, view, owns)
+        for m, p, own in zip(self.structure.mechanisms, self.values, owns, strict=True):
+            view.own = own
+            for rate in m.rates(p, view) if m.states else ():
+                parts += self._each(jnp.asarray(rate))
+        return parts
+
+    def observe(self, z: States, effort: Float[Array, " sides"]) -> list[Array]:
+        """Sensor readings in SI: temperatures [K], then displacement [m] or angle [rad]."""
+        view, owns = self._view(z, effort)
+        parts: list[Array] = []
+        if self.structure.thermal:
+            view.felt = self._fold("felt_temperature", view.temperature, view, owns)
+            parts += self._each(self.ambient + self._fold("reading", view.felt, view, owns, "temperature"))
+        if self.structure.mechanical:
+            moved = self._each(self._fold("reading", view.displacement, view, owns, "displacement"))[0]
+            parts.append(moved / self.structure.pulley_radius if self.sides == 2 else moved)
+        return parts
+
+    def heat_flows(self, z: States, effort: Float[Array, " sides"]) -> tuple[Array, Array, Array]:
+        """(power in [W], power lost to the surroundings [W], heat stored [J]), summed over sides."""
+        view, owns = self._view(z, effort)
+        self._heat(view, owns)
+        lost = stored = jnp.zeros(self._shape, self.dtype)
+        for m, p, own in zip(self.structure.mechanisms, self.values, owns, strict=True):
+            view.own = own
+            if _has(m, "heat") or _has(m, "lost"):
+                lost = lost + m.lost(p, view)
+            if _has(m, "stored"):
+                stored = stored + m.stored(p, view)
+        return jnp.sum(view.power), jnp.sum(lost), jnp.sum(stored + self.thermal_mass * view.temperature)
+
+    def delay(self) -> Array:
+        """Dead time [s] of the drive."""
+        total = jnp.zeros((), self.dtype)
+        for m, p in zip(self.structure.mechanisms, self.values, strict=True):
+            if _has(m, "delay"):
+                total = total + m.delay(p)
+        return total
+
+    def initial(self, temperature=0.0, displaced=0.0, velocity=0.0, effort=0.0) -> Float[Array, " n"]:
+        """See `Model.initial`."""
+        warm = jnp.broadcast_to(jnp.asarray(temperature, self.dtype), (self.sides,))
+        effort = jnp.broadcast_to(jnp.asarray(effort, self.dtype), (self.sides,))
+        n_own = sum(self.sides * len(m.states) for m in self.structure.mechanisms)
+        heat = [warm[i] for i in range(self.sides)] if self.structure.thermal else []
+        zero = jnp.zeros((), self.dtype)
+
+        def at(x: Array, v: Array) -> list[Array]:
+            """State at a coordinate, own states as after a long time there."""
+            moving = [x, v] if self.structure.mechanical else []
+            view, owns = self._view([*heat, *moving, *[zero] * n_own], effort)
+            view.felt = self._fold("felt_temperature", view.temperature, view, owns)
+            own: list[Array] = []
+            for m, p in zip(self.structure.mechanisms, self.values, strict=True):
+                for start in m.initial(p, view) if m.states else ():
+                    own += self._each(jnp.asarray(start))
+            return [*heat, *moving, *own]
+
+        x = v = zero
+        if self.structure.mechanical:
+
+            def net(x: Array) -> Array:
+                return self._force(*self._view(at(x, zero), effort))
+
+            # one Newton step from the linear spring's answer: exact for linear forces and creep, good for the rest
+            pull = self.shared["coefficient"] * jnp.reshape(warm if self.structure.thermal else effort, self._shape)
+            stiff = jnp.sum(jnp.broadcast_to(self.shared["stiffness"], (self.sides,)))
+            x = self._net(jnp.broadcast_to(pull, self._shape)) / stiff
+            force, slope = jax.jvp(net, (x,), (jnp.ones((), self.dtype),))
+            x = x - force / slope
+            x, v = x + displaced, jnp.asarray(velocity, self.dtype)
+        return jnp.stack([jnp.reshape(z, ()) for z in at(x, v)])
+
+
+def _has(m: Mechanism, hook: str) -> bool:
+    """Does the mechanism do anything there?"""
+    return getattr(type(m), hook) is not getattr(Mechanism, hook)
+
+
+@cache
+def coupling(structure: Structure) -> tuple[tuple[bool, ...], ...]:
+    """Which state can influence which at all, and so in any exponential of the linear core: (to, from).
+
+    Read off the operations of the balances, whatever the laws and values; closed under composition.
+    """
+    n = structure.n_states
+
+    def rates(z, effort):
+        theta, laws = jnp.asarray(structure.typical()), jnp.zeros(len(structure.mechanisms))
+        return Balances(structure, theta, laws, jnp.asarray(293.15)).rates(list(z), effort)
+
+    scalar = jax.ShapeDtypeStruct((), float)
+    traced = jax.make_jaxpr(rates)((scalar,) * n, jax.ShapeDtypeStruct((len(structure.sides),), float)).jaxpr
+    seen = {v: 1 << i for i, v in enumerate(traced.invars[:n])}
+    depends = lambda v: 0 if isinstance(v, Literal) else seen.get(v, 0)  # noqa: E731
+    for equation in traced.eqns:
+        mask = 0
+        for v in equation.invars:
+            mask |= depends(v)
+        seen |= dict.fromkeys(equation.outvars, mask)
+    reach = np.array([[i == j or bool(depends(v) >> j & 1) for j in range(n)] for i, v in enumerate(traced.outvars)])
+    for _ in range(n):
+        reach = reach | ((reach.astype(int) @ reach.astype(int)) > 0)
+    return tuple(tuple(bool(x) for x in row) for row in reach)

@@ -1,0 +1,135 @@
+"""What a model is made of: mechanisms, sides, drive; hashable, fixed when compiled.
+
+The state vector is ``[temperature of each side, x, dx/dt, own states of the mechanisms (each per side)]`` with the
+first part there in thermal models and the second in mechanical ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from scpjax.errors import ModelError
+from scpjax.parameter import Parameter
+from scpjax.physics.mechanism import Mechanism
+
+DriveKind = Literal["voltage", "pwm", "current", "power", "temperature", "gain"]
+
+
+@dataclass(frozen=True)
+class Slot:
+    """Where one parameter of one mechanism (on one side, where sides differ) lies in the parameter vector."""
+
+    mechanism: str
+    parameter: Parameter
+    index: int
+    side: str = ""
+
+    @property
+    def key(self) -> str:
+        """Name in files and reports: ``elastic_spring.stiffness``, ``elastic_spring.stiffness@agonist``."""
+        return f"{self.mechanism}.{self.parameter.name}" + (f"@{self.side}" if self.side else "")
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What a model is made of.
+
+    ``sides`` is ``("",)`` for one actuator or ``("agonist", "antagonist")`` for a joint, whose coordinate is the
+    agonist's contraction ``x = r theta``. ``distinct`` names parameters ("mechanism.parameter") that differ by side.
+    """
+
+    name: str
+    mechanisms: tuple[Mechanism, ...]
+    sides: tuple[str, ...] = ("",)
+    thermal: bool = True
+    mechanical: bool = True
+    drive: DriveKind = "voltage"
+    pulley_radius: float | None = None
+    pulley_mass: float = 0.0
+    distinct: tuple[str, ...] = ()
+    base: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        names = [m.name for m in self.mechanisms]
+        if len(set(names)) != len(names):
+            raise ModelError(f"a mechanism appears twice in {names}", mend="name each one once")
+        if not (self.thermal or self.mechanical):
+            raise ModelError("a model needs an energy or a force balance", mend="use te, tm, plant or aaa")
+        if len(self.sides) == 2 and self.mechanical and not (self.pulley_radius or 0) > 0:
+            raise ModelError("a joint needs its pulley radius", mend="give [pulley] radius_m")
+
+    @cached_property
+    def slots(self) -> tuple[Slot, ...]:
+        """Every parameter, in the order of the parameter vector."""
+        slots: list[Slot] = []
+        for m in self.mechanisms:
+            for p in m.parameters:
+                sides = self.sides if f"{m.name}.{p.name}" in self.distinct else ("",)
+                slots += [Slot(m.name, p, len(slots) + i, s) for i, s in enumerate(sides)]
+        return tuple(slots)
+
+    @cached_property
+    def index(self) -> dict[str, int]:
+        """Position of each parameter key in the parameter vector."""
+        return {s.key: s.index for s in self.slots}
+
+    @cached_property
+    def places(self) -> tuple[tuple[tuple[str, tuple[int, ...]], ...], ...]:
+        """For each mechanism, where each of its parameters lies in the parameter vector, side by side."""
+        places = []
+        for m in self.mechanisms:
+            mine = [s for s in self.slots if s.mechanism == m.name]
+            places.append(tuple((p.name, tuple(s.index for s in mine if s.parameter is p)) for p in m.parameters))
+        return tuple(places)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Stems of the output columns: temperature (per side), then displacement or angle."""
+        joined = [f"temperature_{s}" if s else "temperature" for s in self.sides] if self.thermal else []
+        if self.mechanical:
+            joined.append("angle" if len(self.sides) == 2 else "displacement")
+        return tuple(joined)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the drives, one per side."""
+        return tuple(f"drive_{s}" if s else "drive" for s in self.sides)
+
+    @cached_property
+    def state_names(self) -> tuple[str, ...]:
+        """Name of every entry of the state vector."""
+        tail = [f"_{s}" if s else "" for s in self.sides]
+        names = [f"temperature{t}" for t in tail] if self.thermal else []
+        names += ["displacement", "velocity"] if self.mechanical else []
+        for m in self.mechanisms:
+            names += [f"{m.name}.{state}{t}" for state in m.states for t in tail]
+        return tuple(names)
+
+    @property
+    def n_states(self) -> int:
+        return len(self.state_names)
+
+    @property
+    def is_linear(self) -> bool:
+        """Only base mechanisms, which are linear in the states and in the effort."""
+        return all(m.is_base for m in self.mechanisms)
+
+    def mechanism(self, name: str) -> Mechanism:
+        """The mechanism of that name."""
+        for m in self.mechanisms:
+            if m.name == name:
+                return m
+        raise ModelError(f"no mechanism {name!r} in this model", mend=f"it has {[m.name for m in self.mechanisms]}")
+
+    def with_mechanisms(self, *mechanisms: Mechanism) -> Structure:
+        """The same structure with more mechanisms in it."""
+        present = {m.name for m in self.mechanisms}
+        return replace(self, mechanisms=self.mechanisms + tuple(m for m in mechanisms if m.name not in present))
+
+    def typical(self) -> np.ndarray:
+        """Typical values for base parameters and null values for all others."""
+        return np.array([s.parameter.typical if s.parameter.null is None else s.parameter.null for s in self.slots])
