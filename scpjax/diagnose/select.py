@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import equinox as eqx
 import numpy as np
 
 from scpjax.diagnose.result import Ranked
 from scpjax.fit.colour import Whitener
 from scpjax.fit.fit import refine
-from scpjax.fit.problem import Data, Trial
+from scpjax.fit.problem import CEILING, Data, Trial
 from scpjax.fit.setup import Setup
-from scpjax.fit.solve import ABREAST, batches, binned_of, pick, solve, stack
+from scpjax.fit.solve import binned_of, solve_all
 from scpjax.physics.mechanism import Mechanism
 
 Progress = Callable[[str, float], None]
@@ -188,8 +187,8 @@ def try_all(
         return []
     solved, cost = _two_stages(setup, split, trials, [m.name for m, _ in labels], max_steps)
     residuals = binned_of(solved, split.whole, setup.space)
-    # a trial that left all bounds explains nothing
-    wild = ~np.all(np.isfinite(residuals), axis=(1, 2, 3))
+    # a trial that blew up (its residuals are cut off) explains nothing
+    wild = np.any(np.abs(residuals) >= CEILING, axis=(1, 2, 3))
     residuals[wild] = 10.0 * state.residual
     out = []
     for name in dict.fromkeys(m.name for m, _ in labels):
@@ -205,28 +204,15 @@ def try_all(
 _SCREEN = 12  # steps after which a start that is behind is left behind; the first few may all be too bold
 
 
-def _run(setup: Setup, split: Split, trials: Sequence[Trial], max_steps: int) -> tuple[list[Trial], np.ndarray]:
-    done: list[Trial] = []
-    costs: list[np.ndarray] = []
-    for part in batches(trials):
-        batch = stack(part)
-        found = solve(batch, split.train, setup.space, max_steps=max_steps)
-        solved = eqx.tree_at(lambda t: t.free, batch, found.free)
-        done += [pick(solved, i) for i in range(ABREAST)]
-        costs.append(np.asarray(found.cost))
-    cost = np.concatenate(costs)[: len(trials)]
-    return done[: len(trials)], np.where(np.isfinite(cost), cost, np.inf)
-
-
 def _two_stages(
     setup: Setup, split: Split, trials: Sequence[Trial], names: Sequence[str], max_steps: int
 ) -> tuple[list[Trial], np.ndarray]:
     """A few steps for all; then on with the two best starts of every mechanism."""
-    solved, cost = _run(setup, split, trials, _SCREEN)
+    solved, cost = solve_all(trials, split.train, setup.space, max_steps=_SCREEN)
     order = list(np.argsort(cost))
     leading = dict.fromkeys(names[i] for i in order)
     chosen = [i for name in leading for i in [k for k in order if names[k] == name][:2]]
-    better, lower = _run(setup, split, [solved[i] for i in chosen], max_steps)
+    better, lower = solve_all([solved[i] for i in chosen], split.train, setup.space, max_steps=max_steps)
     for i, trial, c in zip(chosen, better, lower, strict=True):
         if c <= cost[i]:
             solved[i], cost[i] = trial, c

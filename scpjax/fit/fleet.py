@@ -126,6 +126,7 @@ def _solve(setups: list[Setup], options: FitOptions, with_traces: bool) -> list[
     n = len(padded)
     best: list[Trial | None] = [None] * n
     cost, converged = np.full(n, np.inf), np.zeros(n, bool)
+    there: list[tuple[np.ndarray, np.ndarray] | None] = [None] * n
     rounds = max(len(s.starts) for s in padded)
     for k in range(rounds + 1):
         # another start only for those that the ones before did not bring near the noise; then longer from the best
@@ -142,6 +143,7 @@ def _solve(setups: list[Setup], options: FitOptions, with_traces: bool) -> list[
                 c = float(found.cost[row])
                 if np.isfinite(c) and c < cost[i]:
                     cost[i], converged[i] = c, bool(found.converged[row])
+                    there[i] = np.asarray(found.residual[row]), np.asarray(found.jacobian[row])
                     best[i] = eqx.tree_at(lambda t: t.free, pick(trials, row), found.free[row])
     out: list[Fit | str] = []
     share = (time.monotonic() - began) / len(setups)
@@ -150,7 +152,7 @@ def _solve(setups: list[Setup], options: FitOptions, with_traces: bool) -> list[
         if trial is None:
             out.append(f"{s.recordings[0].metadata.name}: no start led to a finite simulation; check units")
             continue
-        doubt = uncertainty(trial, s.data, s.space)
+        doubt = uncertainty(trial, s.data, s.space, at=there[i])
         out.append(
             Fit(
                 model=final_model(s, trial),

@@ -8,7 +8,7 @@ import numpy as np
 
 from scpjax.fit.problem import Data, Space, Trial
 from scpjax.fit.result import Estimate
-from scpjax.fit.solve import jacobian
+from scpjax.fit.solve import evaluate, stack
 
 _OPEN = 1.5  # standard deviation of a direction in ln(value) beyond which the data are said to leave it open
 
@@ -48,14 +48,25 @@ def correlation_time(residual: np.ndarray, there: np.ndarray) -> float:
     return worst
 
 
-def uncertainty(trial: Trial, data: Data, space: Space, *, coloured: bool = True) -> Uncertainty:
+def uncertainty(
+    trial: Trial,
+    data: Data,
+    space: Space,
+    *,
+    coloured: bool = True,
+    at: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Uncertainty:
     """Uncertainty of a trial at its solution.
 
     Gauss-Newton covariance, scaled by the residual variance and, with ``coloured``, by their correlation time.
+    ``at`` holds residuals and Jacobian there when a solver has left them.
     """
+    if at is None:
+        here = evaluate(stack([trial]), data, space)
+        at = np.asarray(here.residual[0]), np.asarray(here.jacobian[0])
+    r, jac = at
     index = np.asarray(trial.index)
     real = index < space.size
-    r, jac = (np.asarray(x) for x in jacobian(trial, data, space))
     jac = jac[:, real]
     n = data.target.size
     there = np.array(np.isfinite(np.asarray(data.norm)))

@@ -22,6 +22,9 @@ from scpjax.recordings.recording import Recording
 from scpjax.simulate.drive import Grid, make_grid
 from scpjax.simulate.simulate import at_samples, node_states, stepper
 
+CEILING = 1e7
+"""Binned residuals are cut off there, in standard deviations."""
+
 
 class Data(eqx.Module):
     """Recordings abreast. r recordings, n samples, s sides, y outputs of the model; k bins of ``bin`` steps each.
@@ -312,7 +315,7 @@ def residuals(moving: Float[Array, " moving"], trial: Trial, data: Data, space: 
         0.0,
     )
     # outside the physical domain a simulation may blow up: a large finite residual turns the solver back
-    data_part = jnp.where(jnp.isfinite(data_part), jnp.clip(data_part, -1e7, 1e7), 1e7)
+    data_part = jnp.where(jnp.isfinite(data_part), jnp.clip(data_part, -CEILING, CEILING), CEILING)
     return jnp.concatenate([data_part.ravel(), prior, free[-1:]])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -11,7 +12,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from scpjax.fit.problem import Data, Space, Trial, binned_residuals, residuals, simulated, unpack
+from scpjax.fit.problem import Data, Space, Trial, residuals, simulated
 
 
 class Solution(eqx.Module):
@@ -21,6 +22,8 @@ class Solution(eqx.Module):
     cost: Float[Array, ""]
     steps: Array
     converged: Array
+    residual: Float[Array, " m"]  # there, as of `residuals`
+    jacobian: Float[Array, "m moving"]  # there, by the moving entries
 
 
 _CEILING = 400  # steps, whatever is asked for
@@ -53,28 +56,26 @@ class _CostStop(optx.LevenbergMarquardt):
         )
 
 
-def forward(function):
-    """``function`` with a Jacobian by forward sensitivities, all tangents abreast, computed with the values.
-
-    Linearising a simulation first, as `optimistix` does, would keep every step of it in memory.
-    """
-
-    @jax.custom_jvp
-    def wrapped(x):
-        return function(x)
-
-    @wrapped.defjvp
-    def _(primals, tangents):
-        (x,), (t,) = primals, tangents
-        value, columns = jax.vmap(lambda e: jax.jvp(function, (x,), (e,)), out_axes=(None, -1))(jnp.eye(x.shape[0]))
-        return value, columns @ t
-
-    return wrapped
-
-
 def soften(r: Float[Array, " m"], n: int, threshold: float) -> Float[Array, " m"]:
     """Residuals whose squares are the pseudo-Huber loss of the first ``n``: r^2 -> 2 d^2 (sqrt(1 + (r/d)^2) - 1)."""
     return r.at[:n].multiply(jnp.sqrt(2.0 / (jnp.sqrt(1.0 + (r[:n] / threshold) ** 2) + 1.0)))
+
+
+@partial(jax.jit, static_argnames="robust")
+def _objective(moving: Array, trial: Trial, data: Data, space: Space, *, robust: float) -> Float[Array, " m"]:
+    r = residuals(moving, trial, data, space)
+    return soften(r, data.target.size, robust) if robust > 0 else r
+
+
+@partial(jax.jit, static_argnames="robust")
+def _sensitivities(moving: Array, trial: Trial, data: Data, space: Space, *, robust: float) -> tuple[Array, Array]:
+    """Value and Jacobian by forward sensitivities, all tangents abreast, computed with the values.
+
+    Linearising a simulation first, as `optimistix` does, would keep every step of it in memory.
+    """
+    function = lambda x: _objective(x, trial, data, space, robust=robust)  # noqa: E731
+    along = lambda e: jax.jvp(function, (moving,), (e,))  # noqa: E731
+    return jax.vmap(along, out_axes=(None, -1))(jnp.eye(moving.shape[0], dtype=moving.dtype))
 
 
 def solve_one(
@@ -92,16 +93,19 @@ def solve_one(
     single standard deviation makes). ``robust`` > 0 is the residual, in standard deviations, beyond which the
     pseudo-Huber loss grows linearly.
     """
-    n = data.target.size
 
-    def target(moving):
-        r = residuals(moving, trial, data, space)
-        return soften(r, n, robust) if robust > 0 else r
+    @jax.custom_jvp
+    def target(x):
+        return _objective(x, trial, data, space, robust=robust)
 
-    differentiable = forward(target)
+    @target.defjvp
+    def _(primals, tangents):
+        value, columns = _sensitivities(primals[0], trial, data, space, robust=robust)
+        return value, columns @ tangents[0]
+
     solver = _CostStop(tolerance, jnp.asarray(max_steps))
     solution = optx.least_squares(
-        lambda x, _: differentiable(x),
+        lambda x, _: target(x),
         solver,
         trial.free[trial.index],
         options={"jac": "fwd"},
@@ -113,6 +117,8 @@ def solve_one(
         cost=jnp.sum(solution.state.f_info.residual**2),
         steps=solution.stats["num_steps"],
         converged=solution.stats["num_steps"] < max_steps,
+        residual=solution.state.f_info.residual,
+        jacobian=solution.state.f_info.jac.as_matrix(),
     )
 
 
@@ -159,31 +165,36 @@ def _solve_fleet(trials, data, spaces, max_steps, tolerance, robust):
 
 
 @eqx.filter_jit
-def jacobian(trial: Trial, data: Data, space: Space) -> tuple[Array, Array]:
-    """(residuals, Jacobian with respect to the moving entries) at the trial's free vector."""
-    moving = trial.free[trial.index]
-    return residuals(moving, trial, data, space), jax.jacfwd(residuals)(moving, trial, data, space)
-
-
-@eqx.filter_jit
 def outputs_of(trial: Trial, data: Data, space: Space) -> Float[Array, "r n y"]:
     """Simulated outputs of a trial at its free vector."""
     return simulated(trial.free, trial, data, space)
 
 
+def evaluate(trials: Trial, data: Data, space: Space) -> Solution:
+    """Residuals and Jacobians of trials (leading axis) where they stand: the solver's first step, no program more."""
+    return solve(trials, data, space, max_steps=1)
+
+
+def solve_all(trials: Sequence[Trial], data: Data, space: Space, *, max_steps: int) -> tuple[list[Trial], np.ndarray]:
+    """(trials where they ended, costs (trials,), inf where none is finite): in equal batches."""
+
+    done: list[Trial] = []
+    costs: list[np.ndarray] = []
+    for part in batches(trials):
+        batch = stack(part)
+        found = solve(batch, data, space, max_steps=max_steps)
+        ended = eqx.tree_at(lambda t: t.free, batch, found.free)
+        done += [pick(ended, i) for i in range(len(part))]
+        costs.append(np.asarray(found.cost))
+    cost = np.concatenate(costs)[: len(trials)]
+    return done[: len(trials)], np.where(np.isfinite(cost), cost, np.inf)
+
+
 def binned_of(trials: Sequence[Trial], data: Data, space: Space) -> np.ndarray:
-    """Binned residuals (trials, r, k, y) of trials at their free vectors; 0 where a bin is empty."""
-    out = [np.asarray(_binned_of(stack(part), data, space)) for part in batches(trials)]
-    return np.concatenate(out)[: len(trials)].copy()
-
-
-@eqx.filter_jit
-def _binned_of(trials, data, space):
-    def one(trial):
-        model, local_values = unpack(trial.free, trial, space)
-        return binned_residuals(model, data, space.locals, local_values)
-
-    return jax.vmap(one)(trials)
+    """Binned residuals (trials, r, k, y) of trials where they stand; 0 where a bin is empty."""
+    parts = [trials] if len(trials) == 1 else batches(trials)
+    flat = np.concatenate([np.asarray(evaluate(stack(part), data, space).residual) for part in parts])
+    return flat[: len(trials), : data.target.size].reshape(-1, *data.target.shape)
 
 
 ABREAST = 8
