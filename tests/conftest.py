@@ -34,3 +34,10 @@ def practice_dir() -> Path:
     """Made recordings with the truth beside: the sibling of the real ones."""
     data = Path(os.environ.get("SCPJAX_DATA", ROOT.parent / "shared" / "data"))
     return _folder(data.parent / "practice")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _few_programs_at_a_time():
+    """Compiled programs are dropped after each module: a process may map only so many pieces of memory (65530)."""
+    yield
+    jax.clear_caches()

@@ -115,14 +115,14 @@ class Diagnosis:
                     "law": m.law,
                     "subsystem": m.subsystem,
                     "probability": m.probability,
-                    "parameters": {k: _estimate(e) for k, e in m.parameters.items()},
+                    "parameters": {k: e.to_dict() for k, e in m.parameters.items()},
                     "equivalents": list(m.equivalents),
                     "says": m.says,
                 }
                 for m in self.mechanisms
             ],
             "ranking": [vars(r) for r in self.ranking],
-            "parameters": {k: _estimate(e) for k, e in self.base_parameters.items()},
+            "parameters": {k: e.to_dict() for k, e in self.base_parameters.items()},
             "not_identifiable": list(self.not_identifiable),
             "closure": None,
             "next_experiment": None,
@@ -134,7 +134,3 @@ class Diagnosis:
 
 def _scores(s: Scores) -> dict[str, Any]:
     return {"model": s.model, "train": s.train, "held_out": s.held_out, "noise": s.noise}
-
-
-def _estimate(e: Estimate) -> dict[str, Any]:
-    return {"value": e.value, "std": e.std, "unit": e.unit, "low": e.low, "high": e.high}

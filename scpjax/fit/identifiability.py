@@ -13,6 +13,9 @@ from scpjax.fit.solve import evaluate, stack
 _OPEN = 1.5  # standard deviation of a direction in ln(value) beyond which the data are said to leave it open
 
 
+_LIMIT = 0.995  # of the way from the middle to the end of the bounds, beyond which a value stands at its limit
+
+
 @dataclass(frozen=True)
 class Uncertainty:
     """Covariance of the moving entries (``free`` scale), per-entry standard deviation, and open directions."""
@@ -116,19 +119,24 @@ def estimates(trial: Trial, space: Space, u: Uncertainty) -> dict[str, Estimate]
     bounds = space.bounds
     free = np.asarray(trial.free)[:-1]
     value, slope = np.asarray(bounds.to_value(free)), np.asarray(bounds.slope(free))
-    log = np.asarray(bounds.log)
+    log, half = np.asarray(bounds.log), np.asarray(bounds.half)
+    limit = np.asarray(bounds.finite) & (np.abs(np.tanh(free / half)) > _LIMIT)
     position = {k: i for i, k in enumerate(space.keys)}
     for key, std_free in zip(u.keys, u.std_free, strict=True):
         if key.startswith("recording_"):
             continue
         i = position[key]
         std = float(abs(slope[i]) * std_free)
-        half = 1.96 * std
+        if limit[i]:  # the bounds flatten the slope: without them, but no wider than they are
+            std = float(min(std_free, half[i]) * (value[i] if log[i] else 1.0))
+        reach = 1.96 * std
         if log[i]:
-            ratio = np.exp(min(half / value[i], 700.0))
+            ratio = np.exp(min(reach / value[i], 700.0))
             low, high = value[i] / ratio, value[i] * ratio
         else:
-            low, high = value[i] - half, value[i] + half
+            low, high = value[i] - reach, value[i] + reach
         p = space.structure.slots[i].parameter
-        out[key] = Estimate(float(value[i]), std, p.unit, float(low), float(high), p.description, p.symbol)
+        out[key] = Estimate(
+            float(value[i]), std, p.unit, float(low), float(high), p.description, p.symbol, bool(limit[i])
+        )
     return out

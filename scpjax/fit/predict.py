@@ -7,11 +7,14 @@ from collections.abc import Mapping
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
+from scipy import signal
 
 from scpjax.errors import ModelError, ScpjaxError
 from scpjax.fit.problem import columns
 from scpjax.physics.model import Model
 from scpjax.recordings.recording import Recording
+from scpjax.simulate.drive import drive_values, effort
 from scpjax.simulate.simulate import Exponential, Method, simulate
 from scpjax.units import parse_column
 
@@ -29,7 +32,8 @@ def predict(
     """Simulate a model over the inputs of a recording.
 
     The state at the start is that of the first sample where the recording gives one that is clearly not rest
-    (``noise``: standard deviation per column, in the file's unit), else rest. No later output is looked at.
+    (``noise``: standard deviation per column, in the file's unit), else rest. A weight that is clearly moving while its
+    drive repeats itself is taken to have been driven so before. No later output is looked at.
     ``response_columns`` names the columns to give, in the unit of their suffix; those of the recording, else the
     model's own in SI, when not given.
 
@@ -40,8 +44,8 @@ def predict(
     meta = recording.metadata
     if meta.ambient_K is not None:
         model = eqx.tree_at(lambda m: m.ambient, model, jnp.asarray(meta.ambient_K, model.theta.dtype))
-    z0 = first_state(model, recording, noise or {})
     method = method or Exponential(order=4, substeps=2 if recording.hold != "zero_order" else 1)
+    z0 = _in_motion(model, recording, first_state(model, recording, noise or {}), method)
     outputs = np.asarray(simulate(model, recording, initial=z0, method=method).outputs)
     if not np.all(np.isfinite(outputs)):
         raise ModelError(
@@ -84,9 +88,39 @@ def first_state(model: Model, recording: Recording, noise: Mapping[str, float]):
     return model.initial(displaced=clear.get(0, 0.0), effort=effort0)
 
 
-def _first_effort(model: Model, recording: Recording) -> np.ndarray:
-    from scpjax.simulate.drive import drive_values, effort
+def _in_motion(model: Model, recording: Recording, z0: Array, method: Method) -> Array:
+    """The start of a directly driven weight that did not begin at rest under a drive that repeats itself.
 
+    One sample gives its position; its velocity (and what else it remembers) is that of a period later.
+    """
+    s = model.structure
+    if s.thermal or not s.mechanical or np.allclose(z0, model.initial(effort=_first_effort(model, recording))):
+        return z0
+    lag = period_of(drive_values(s, recording)[:, 0])
+    if lag is None:
+        return z0
+    later = simulate(model, recording, initial=z0, method=method).states[lag]
+    return later.at[0].set(z0[0])
+
+
+def period_of(drive: Float[np.ndarray, " n"], *, tolerance: float = 0.05) -> int | None:
+    """Samples after which a drive (n,) repeats itself to its end, to ``tolerance`` of its spread; None if it does not.
+
+    At least an eighth of the drive must lie between, and at least 3 % of it, as lively as the rest, be repeated.
+    """
+    u = np.asarray(drive, float) - np.mean(drive)
+    n = len(u)
+    overlap = n - np.arange(n)
+    sums, squares = (np.concatenate([[0.0], np.cumsum(x)]) for x in (u, u**2))
+    product = signal.correlate(u, u, mode="full", method="fft")[n - 1 :]
+    head, tail = squares[overlap], squares[n] - squares[:n]
+    apart = np.sqrt(np.maximum(head + tail - 2 * product, 0.0) / overlap)
+    lively = head / overlap - (sums[overlap] / overlap) ** 2 > 0.1 * np.mean(u**2)
+    fits = lively & (overlap >= max(128, 0.03 * n)) & (np.arange(n) >= n // 8) & (apart < tolerance * np.std(u))
+    return int(np.argmin(np.where(fits, apart, np.inf))) if fits.any() else None
+
+
+def _first_effort(model: Model, recording: Recording) -> np.ndarray:
     values = np.asarray(drive_values(model.structure, recording))[:1]
     supply = recording.metadata.supply_V or 3.7
     return np.asarray(effort(model.structure.drive, values, ambient=float(model.ambient), supply=supply))[0]

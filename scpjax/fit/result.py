@@ -11,7 +11,11 @@ from scpjax.physics.model import Model
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter with its error bar, SI. ``low`` and ``high`` bound the 95 % confidence interval."""
+    """A parameter with its error bar, SI. ``low`` and ``high`` bound the 95 % confidence interval.
+
+    ``at_limit``: it stands at the end of its bounds, so the data ask for more than the mechanism allows or do not
+    bound it; the error bar is then that without the bounds, no wider than they are.
+    """
 
     value: float
     std: float
@@ -20,6 +24,12 @@ class Estimate:
     high: float
     description: str = ""
     symbol: str = ""
+    at_limit: bool = False
+
+    def to_dict(self) -> dict[str, float | str | bool]:
+        """For JSON."""
+        plain = {"value": self.value, "std": self.std, "unit": self.unit, "low": self.low, "high": self.high}
+        return plain | {"at_limit": self.at_limit}
 
 
 @dataclass(frozen=True)

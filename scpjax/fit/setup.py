@@ -224,7 +224,7 @@ def _can_act(m: Mechanism, s: Structure, recordings: Sequence[Recording]) -> boo
     )
 
 
-_LONG, _SEGMENT, _SEGMENTS, _EDGE = 16384, 2048, 4, 16
+_LONG, _SEGMENT, _SEGMENTS, _EDGE = 16384, 2048, 3, 16
 
 
 def cut_long(recordings: Sequence[Recording], s: Structure) -> tuple[tuple[Recording, ...], tuple[str, ...]]:

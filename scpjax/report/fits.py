@@ -20,7 +20,6 @@ from scpjax.recordings.recording import Recording
 from scpjax.report import bars, page, plot
 from scpjax.report.numbers import column, number, unit
 from scpjax.report.pieces import (
-    estimate_json,
     fact,
     file_names,
     heading,
@@ -75,7 +74,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         "converged": fit.converged,
         "rank": fit.rank,
         "free_parameters": fit.n_free,
-        "parameters": {k: estimate_json(e) for k, e in fit.parameters.items()},
+        "parameters": {k: e.to_dict() for k, e in fit.parameters.items()},
         "known": {k: float(fit.model.value(k)) for k in fit.known},
         "scores": fit.scores,
         "noise": fit.noise,

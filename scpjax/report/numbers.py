@@ -37,12 +37,9 @@ def plus_minus(value: float, std: float) -> str:
     return text.replace("-", "−")
 
 
-def estimate(value: float, std: float, low: float, high: float) -> str:
-    """``value ± std``; for a positive quantity known within no better than a factor, only about what.
-
-    A standard error far below any that data give is that of a value at the end of its bounds.
-    """
-    if 0 <= std < _STUCK * abs(value):
+def estimate(value: float, std: float, low: float, high: float, at_limit: bool = False) -> str:
+    """``value ± std``; for a positive quantity known within no better than a factor, only about what."""
+    if at_limit:
         return f"{number(value, 4)}, at its limit"
     if low > 0 and high > 9 * low:
         return f"about {number(float(f'{value:.1e}'), 2)}"

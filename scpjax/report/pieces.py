@@ -104,7 +104,7 @@ def row(key: str, e: Estimate) -> tuple[str, str, str, str, str]:
     return (
         words + side,
         e.symbol,
-        estimate(e.value, e.std, e.low, e.high),
+        estimate(e.value, e.std, e.low, e.high, e.at_limit),
         interval(e.low, e.high),
         unit(e.unit),
     )
@@ -138,10 +138,6 @@ def sentence(words: str) -> str:
 
 def file_names(recordings: Sequence[Recording]) -> str:
     return ", ".join(r.metadata.name or "recording" for r in recordings)
-
-
-def estimate_json(e: Estimate) -> dict[str, Any]:
-    return {"value": e.value, "std": e.std, "unit": e.unit, "low": e.low, "high": e.high}
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

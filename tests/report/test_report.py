@@ -307,7 +307,7 @@ def test_a_hole_in_a_long_signal_stays_a_hole():
         (plus_minus(129.3, 48.2), "129 ± 48"),
         (plus_minus(2.0, math.nan), "2.000"),
         (estimate(289.0, 1148.0, 0.119, 7e5), "about 290"),
-        (estimate(30.0, 1e-12, 30.0, 30.0), "30.00, at its limit"),
+        (estimate(30.0, 2.0, 26.0, 34.0, True), "30.00, at its limit"),
         (estimate(-0.1, 0.2, -0.5, 0.3), "−0.10 ± 0.20"),
         (interval(3.85e-3, 4.01e-3), "0.00385 to 0.00401"),
         (interval(1.00001, 1.00002), "1.000010 to 1.000020"),

@@ -1,0 +1,61 @@
+"""How a prediction begins, and what it may look at."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scpjax.fit.predict import period_of, predict
+from scpjax.physics.presets import tm
+from scpjax.recordings.recording import Recording
+from scpjax.simulate.simulate import simulate
+
+# a weight that rings at 31 rad/s and forgets within half a second
+MODEL = tm(coefficient=2.0, stiffness=1000.0, damping=8.0, mass=1.0, drive="gain")
+
+
+def multisine(n: int, period: int, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    t = np.arange(n) / period
+    return sum(np.cos(2 * np.pi * (k * t + rng.uniform())) for k in range(3, 40))
+
+
+def test_a_drive_that_repeats_itself_is_recognised():
+    assert period_of(multisine(2300, 2048)) == 2048
+    noise = np.random.default_rng(1).standard_normal(2300)
+    assert period_of(multisine(2300, 2048) + 0.02 * noise) == 2048
+
+
+@pytest.mark.parametrize(
+    "drive",
+    [
+        multisine(2300, 5000),  # never repeats
+        np.random.default_rng(2).standard_normal(3000),
+        np.concatenate([np.zeros(400), np.ones(2000), np.zeros(400)]),  # the same rest at both ends is no repetition
+        np.linspace(0, 1, 2000),
+    ],
+)
+def test_one_that_does_not_is_not(drive):
+    assert period_of(drive) is None
+
+
+def recorded(lead: int, n: int) -> tuple[Recording, np.ndarray]:
+    """A recording that begins in the middle of the motion, and the truth."""
+    time, drive = 0.005 * np.arange(lead + n), {"drive_V": multisine(lead + n, 2048)}
+    blank = Recording.from_arrays(time, drive, {"displacement_m": np.zeros(lead + n)}, hold="linear")
+    x = np.asarray(simulate(MODEL, blank).outputs)[lead:, 0]
+    return blank.slice(time[lead]).with_outputs(x[:, None]), x
+
+
+def test_begun_in_motion_under_a_repeating_drive():
+    recording, x = recorded(1000, 2300)
+    _, said = predict(MODEL, recording, noise={"displacement_m": 1e-6})
+    wrong = np.abs(said["displacement_m"] - x)[:20]
+    assert wrong.max() < 0.02 * np.std(x)
+
+
+def test_no_later_output_is_looked_at():
+    recording, _ = recorded(1000, 2300)
+    blind = recording.with_weights(np.concatenate([[[1.0]], np.zeros((recording.n - 1, 1))]))
+    for a, b in zip(predict(MODEL, recording)[1].values(), predict(MODEL, blind)[1].values(), strict=True):
+        np.testing.assert_array_equal(a, b)
