@@ -88,7 +88,7 @@ def transfer_function(model: Model, *, output: str | None = None) -> control.Tra
 
     a, b, c, d = matrices(model)
     row = _row(model, output)
-    columns = [_polynomials(a, b[:, [j]], c[[row]], d[row, j]) for j in range(b.shape[1])]
+    columns = [minimal_polynomials(a, b[:, [j]], c[[row]], d[row, j]) for j in range(b.shape[1])]
     return control.TransferFunction(
         [[numerator for numerator, _ in columns]],
         [[denominator for _, denominator in columns]],
@@ -227,7 +227,7 @@ def _row(model: Model, output: str | None) -> int:
     return names.index(output)
 
 
-def _polynomials(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: float) -> tuple[np.ndarray, np.ndarray]:
+def minimal_polynomials(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: float) -> tuple[np.ndarray, np.ndarray]:
     """Numerator and denominator of c (s - a)^-1 b + d, of what is reachable from b and seen by c only."""
     into, back = _reachable(a, b)
     reached = back @ a @ into

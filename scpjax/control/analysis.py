@@ -1,0 +1,226 @@
+"""Loops as python-control systems: thesis (4.12)-(4.15), margins, step figures, bandwidth, sensitivity.
+
+Saturation and anti-windup are left out (thesis 4.4.2): both controllers of a pair are taken to be at work, so the
+loop gain is that of the two together, (4.14). A nonlinear model is linearised about an operating point by autodiff.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from scpjax.control.controller import Controller, Scalar
+from scpjax.control.errors import ControlError
+from scpjax.control.loop import Loop
+from scpjax.control.metrics import StepFigures
+from scpjax.control.pid import PID, Pair
+from scpjax.control.plant import Difference, Plant, model_step
+from scpjax.control.state_space import minimal_polynomials
+from scpjax.physics.model import Model
+
+if TYPE_CHECKING:
+    import control
+
+
+def controllers(controller: Controller) -> tuple[PID, ...]:
+    """The PIDs of a controller, side by side. **Raises** `ControlError` where it is made of something else."""
+    if isinstance(controller, Pair):
+        return controller.agonist, controller.antagonist
+    if isinstance(controller, PID):
+        return (controller,)
+    raise ControlError(f"{type(controller).__name__} is no PID or Pair", mend="analyse the PID inside it")
+
+
+def pid_transfer(pid: PID) -> control.TransferFunction:
+    """Controller, error [rad] to command [V^2], thesis (4.13)."""
+    import control
+
+    kp, ki, kd, n = (float(v) for v in (pid.kp, pid.ki, pid.kd, pid.n))
+    return control.TransferFunction([kp + kd * n, ki + n * kp, n * ki], [1.0, n, 0.0])
+
+
+def operating_point(
+    model: Model, effort: Float[Array, " sides"] | None = None, *, settle: float = 50.0, steps: int = 4000
+) -> Float[Array, " states"]:
+    """State at which a model rests under a constant effort (rest at none), by Newton from a long simulation.
+
+    ``settle`` is how many of its slowest time constants the simulation lasts.
+    """
+    s = model.structure
+    if effort is None:
+        return jnp.zeros(s.n_states, model.theta.dtype)
+    poles = np.linalg.eigvals(np.asarray(model.linearise()[0]))
+    slowest = -max((p.real for p in poles if p.real < 0), default=-1.0)
+    step = model_step(model, settle / slowest / steps)
+    parts = tuple(effort[i] for i in range(len(s.sides)))
+    z, _ = jax.lax.scan(lambda z, _: (step.advance(z, parts, 0.0), None), step.initial, None, length=steps)
+    state = jnp.stack(step.states(z))
+    for _ in range(2):  # to rounding, where the balances are smooth
+        a, _ = model.linearise(state, effort)
+        state = state - jnp.linalg.lstsq(a, model.rates(state, effort))[0]
+    return state
+
+
+def side_systems(plant: Plant, effort: Float[Array, " sides"] | None = None) -> list[control.StateSpace]:
+    """Linear systems from the effort of each side [V^2] to the position [rad], about an operating point."""
+    import control
+
+    systems = []
+    for a, b, c in _linear_parts(plant, effort):
+        systems.append(control.StateSpace(np.asarray(a), np.asarray(b)[:, None], np.asarray(c)[None], [[0.0]]))
+    return systems
+
+
+def _linear_parts(plant: Plant, effort: Float[Array, " sides"] | None = None) -> list[tuple[Array, Array, Array]]:
+    """(A, b, c) from the effort of each side to the position; jax arrays, differentiable."""
+    parts, at = [], 0
+    for k, model in enumerate(plant.models()):
+        sides = len(model.structure.sides)
+        mine = None if effort is None else effort[at : at + sides]
+        z = operating_point(model, mine)
+        u = jnp.zeros(sides, model.theta.dtype) if mine is None else mine
+        a, b = model.linearise(z, mine)
+        sign = -1.0 if k else 1.0
+        radius = model.structure.pulley_radius if sides == 2 else None
+        c = jax.jacfwd(model.observe)(z, u)[-1] * sign * (1.0 if radius else plant.scale())
+        parts += [(a, b[:, j], c) for j in range(sides)]
+        at += sides
+    return parts
+
+
+def open_loop(loop: Loop, effort: Float[Array, " sides"] | None = None) -> control.StateSpace:
+    """Open loop, reference to angle, thesis (4.14): the sum over sides of controller times plant."""
+    import control
+
+    pids = controllers(loop.controller)
+    systems = side_systems(loop.plant, effort)
+    total = None
+    for pid, system in zip(pids, systems, strict=True):
+        branch = control.series(control.tf2ss(pid_transfer(pid)), system)
+        total = branch if total is None else control.parallel(total, branch)
+    if total is None:
+        raise ControlError("a loop without sides", mend="give it a plant")
+    return total
+
+
+def closed_loop(loop: Loop, effort: Float[Array, " sides"] | None = None) -> control.StateSpace:
+    """Closed loop, reference to angle, thesis (4.15)."""
+    import control
+
+    return control.feedback(open_loop(loop, effort), 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopFigures:
+    """Linear figures of a loop; NaN where the closed loop is unstable.
+
+    ``gain_margin`` [share], ``phase_margin`` [rad], ``bandwidth`` [rad/s] (-3 dB of the closed loop),
+    ``sensitivity`` (greatest \\|1 / (1 + L)\\|), ``poles`` of the closed loop [1/s].
+    """
+
+    stable: bool
+    gain_margin: float
+    phase_margin: float
+    bandwidth: float
+    sensitivity: float
+    step: StepFigures | None
+    poles: np.ndarray
+
+    @property
+    def gain_margin_dB(self) -> float:
+        """Gain margin in decibel."""
+        return 20 * math.log10(self.gain_margin) if self.gain_margin > 0 else math.nan
+
+
+def figures(loop: Loop, effort: Float[Array, " sides"] | None = None) -> LoopFigures:
+    """Margins, bandwidth, sensitivity and step figures of a loop by python-control.
+
+    **Raises** `ControlError` for a controller that is no PID or Pair.
+    """
+    import control
+
+    open_, closed = _minimal(open_loop(loop, effort)), _minimal(closed_loop(loop, effort))
+    poles = np.asarray(closed.poles())
+    stable = bool(np.all(poles.real < 0))
+    gain, phase, *_ = control.margin(open_)
+    if not stable:
+        bad = math.nan
+        return LoopFigures(
+            stable=False, gain_margin=float(gain), phase_margin=math.radians(float(phase)), bandwidth=bad,
+            sensitivity=bad, step=None, poles=poles,
+        )  # fmt: skip
+    info = control.step_info(closed)
+    step = StepFigures(
+        rise=float(info["RiseTime"]),
+        settling=float(info["SettlingTime"]),
+        overshoot=float(info["Overshoot"]) / 100,
+        final=float(info["SteadyStateValue"]),
+    )
+    return LoopFigures(
+        stable=True,
+        gain_margin=float(gain),
+        phase_margin=math.radians(float(phase)),
+        bandwidth=float(control.bandwidth(closed)),
+        sensitivity=float(sensitivity_peak(loop, effort=effort)),
+        step=step,
+        poles=poles,
+    )
+
+
+def _minimal(system: control.StateSpace) -> control.TransferFunction:
+    """Without what two equal branches have twice, so that margins and steps see each mode once."""
+    import control
+
+    a, b, c, d = (np.asarray(m, float) for m in (system.A, system.B, system.C, system.D))
+    return control.TransferFunction(*minimal_polynomials(a, b, c, float(d[0, 0])))
+
+
+_FREQUENCIES = np.geomspace(1e-3, 1e3, 1200)  # rad/s
+
+
+def loop_response(
+    loop: Loop, omega: Float[Array, " w"], effort: Float[Array, " sides"] | None = None
+) -> Complex[Array, " w"]:
+    """Open loop L(i omega), in jax: differentiable in gains and plants."""
+    s = 1j * omega
+    total = jnp.zeros(omega.shape, complex)
+    parts = _linear_parts(loop.plant, effort)
+    for pid, (a, b, c) in zip(controllers(loop.controller), parts, strict=True):
+        eye = jnp.eye(a.shape[0])
+        plant = jax.vmap(lambda v, a=a, b=b, c=c, eye=eye: c @ jnp.linalg.solve(v * eye - a, b.astype(complex)))(s)
+        total = total + plant * (pid.kp + pid.ki / s + pid.kd * pid.n * s / (s + pid.n))
+    return total
+
+
+def sensitivity_peak(loop: Loop, *, effort: Float[Array, " sides"] | None = None) -> Scalar:
+    """Greatest absolute value of 1 / (1 + L(i omega)); its inverse is the distance of L from -1. Differentiable."""
+    return jnp.max(1 / jnp.abs(1 + loop_response(loop, jnp.asarray(_FREQUENCIES), effort)))
+
+
+def reach(plant: Plant, high: float | Array) -> tuple[float, float]:
+    """Angles [rad] at which the plant comes to rest under the greatest effort [V^2] of either side alone."""
+    ends = []
+    for side in range(plant.sides):
+        effort = jnp.zeros(plant.sides).at[side].set(high)
+        ends.append(_rest_position(plant, effort))
+    low = min(ends) if len(ends) > 1 else 0.0
+    return min(low, 0.0), max(ends)
+
+
+def _rest_position(plant: Plant, effort: Float[Array, " sides"]) -> float:
+    total, at = 0.0, 0
+    for k, model in enumerate(plant.models()):
+        sides = len(model.structure.sides)
+        mine = effort[at : at + sides]
+        seen = float(model.observe(operating_point(model, mine), mine)[-1])
+        if sides == 1 and isinstance(plant, Difference) and plant.opposing is not None:
+            seen = max(seen - float(plant.opposing / model.value("elastic_spring.stiffness")), 0.0)
+        total += (-seen if k else seen) * (1.0 if sides == 2 else float(plant.scale()))
+        at += sides
+    return total
