@@ -331,4 +331,4 @@ def _other_laws(setup: Setup, state: State, name: str, split: Split, rules: Evid
 def _at_noise(state: State, split: Split) -> bool:
     there = split.is_train | split.is_held
     levels = [np.mean(state.residual[..., j][there[..., j]] ** 2) for j in range(there.shape[2]) if there[..., j].any()]
-    return max(levels) < 1.05
+    return bool(max(levels) < 1.05)

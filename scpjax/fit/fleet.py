@@ -78,7 +78,13 @@ def fit_fleet(
     return Fleet(labels, tuple(fits[i] for i in range(len(actuators))), time.monotonic() - began)
 
 
-def _setups(actuators, model, fixed, options, progress) -> tuple[dict[int, Setup], dict[int, str]]:
+def _setups(
+    actuators: Sequence[Sequence[Recording]],
+    model: str | None,
+    fixed: Mapping[str, float] | None,
+    options: FitOptions,
+    progress: Callable[[str, float], None] | None,
+) -> tuple[dict[int, Setup], dict[int, str]]:
     steps = 256
     setups: dict[int, Setup] = {}
     failures: dict[int, str] = {}
@@ -107,7 +113,7 @@ def _setups(actuators, model, fixed, options, progress) -> tuple[dict[int, Setup
     return setups, failures
 
 
-def _common_bin(actuators) -> int:
+def _common_bin(actuators: Sequence[Sequence[Recording]]) -> int:
     """Samples per bin for all: about 1000 bins in the longest recording."""
     longest = max((r.n for rs in actuators for r in rs), default=1)
     return 2 ** int(np.floor(np.log2(max(longest / 1000, 1))))

@@ -68,7 +68,7 @@ def fill(effort: np.ndarray, gaps: tuple[Gap, ...], shares: np.ndarray) -> np.nd
 def _responses(efforts: jax.Array, trial: Trial, data: Data, space: Space) -> jax.Array:
     model, local_values = unpack(trial.free, trial, space)
 
-    def one(effort):
+    def one(effort: jax.Array):
         return binned_residuals(model, eqx.tree_at(lambda d: d.grids.effort, data, effort), space.locals, local_values)
 
     return jax.vmap(one)(efforts)

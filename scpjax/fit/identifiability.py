@@ -117,7 +117,7 @@ def estimates(trial: Trial, space: Space, u: Uncertainty) -> dict[str, Estimate]
     """Estimates by key of the moving parameters (initial states left out), 95 % intervals on the natural scale."""
     out = {}
     bounds = space.bounds
-    free = np.asarray(trial.free)[:-1]
+    free = trial.free[:-1]
     value, slope = np.asarray(bounds.to_value(free)), np.asarray(bounds.slope(free))
     log, half = np.asarray(bounds.log), np.asarray(bounds.half)
     limit = np.asarray(bounds.finite) & (np.abs(np.tanh(free / half)) > _LIMIT)

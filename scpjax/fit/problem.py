@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -34,16 +35,18 @@ class Data(eqx.Module):
     """
 
     grids: Grid  # leaves with a leading axis r
-    outputs: Float[Array, "r n y"]  # SI
-    weights: Float[Array, "r n y"]  # 0 or 1 (or the user's), 0 in the padding
-    sigma: Float[Array, " y"]  # noise standard deviation by which each output is weighted
-    ambient: Float[Array, " r"]
-    start_effort: Float[Array, "r s"]
-    at_start: Float[Array, "r steps y"]
-    at_end: Float[Array, "r steps y"]
-    target: Float[Array, "r k y"]
-    norm: Float[Array, "r k y"]
-    colour: Float[Array, "y 3"]  # autoregressive coefficients by which residuals are filtered; 0: not at all
+    outputs: Float[Array | np.ndarray, "r n y"]  # SI
+    weights: Float[Array | np.ndarray, "r n y"]  # 0 or 1 (or the user's), 0 in the padding
+    sigma: Float[Array | np.ndarray, " y"]  # noise standard deviation by which each output is weighted
+    ambient: Float[Array | np.ndarray, " r"]
+    start_effort: Float[Array | np.ndarray, "r s"]
+    at_start: Float[Array | np.ndarray, "r steps y"]
+    at_end: Float[Array | np.ndarray, "r steps y"]
+    target: Float[Array | np.ndarray, "r k y"]
+    norm: Float[Array | np.ndarray, "r k y"]
+    colour: Float[
+        Array | np.ndarray, "y 3"
+    ]  # autoregressive coefficients by which residuals are filtered; 0: not at all
     bin: int = eqx.field(static=True)
     order: int = eqx.field(static=True)
 
@@ -116,7 +119,7 @@ def predict_outputs(
 ) -> Float[Array, "r n y"]:
     """Simulated outputs at the samples of every recording."""
 
-    def one(grid, ambient, effort, values):
+    def one(grid: Grid, ambient: Array, effort: Array, values: Array) -> Array:
         m = eqx.tree_at(lambda m_: m_.ambient, model, ambient)
         z0 = initial_state(m, locals_, values, effort)
         states, efforts = node_states(m, grid, z0, order=data.order)
@@ -130,7 +133,16 @@ def binned_residuals(
 ) -> Float[Array, "r k y"]:
     """(simulated - recorded) summed over bins, so scaled that white noise of std sigma gives unit variance."""
 
-    def one(grid, ambient, effort, values, at_start, at_end, target, norm):
+    def one(
+        grid: Grid,
+        ambient: Array,
+        effort: Array,
+        values: Array,
+        at_start: Array,
+        at_end: Array,
+        target: Array,
+        norm: Array,
+    ) -> Array:
         m = eqx.tree_at(lambda m_: m_.ambient, model, ambient)
         z0 = initial_state(m, locals_, values, effort)
         advance, drive = stepper(m, grid, order=data.order)
@@ -139,7 +151,7 @@ def binned_residuals(
         fold = lambda x: x.reshape(bins, data.bin, *x.shape[1:])  # noqa: E731
         ends = (lambda u: (u, u)) if drive.ndim == 2 else (lambda u: (u[0], u[2]))
 
-        def step(carry, xs):
+        def step(carry: Any, xs: Any) -> Any:
             z, y, total = carry
             u, ws, we = xs
             z = advance(z, u)
@@ -147,7 +159,7 @@ def binned_residuals(
             total = [t + ws[i] * y[i] + we[i] * y_end[i] for i, t in enumerate(total)]
             return (z, y_end, total), None
 
-        def one_bin(carry, xs):
+        def one_bin(carry: Any, xs: Any) -> Any:
             zero = [jnp.zeros_like(carry[1][i]) for i in range(n_y)]
             (z, y, total), _ = jax.lax.scan(step, (*carry, zero), xs)
             return (z, y), total

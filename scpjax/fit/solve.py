@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -42,7 +43,7 @@ class _CostStop(optx.LevenbergMarquardt):
         super().__init__(rtol=1e-6, atol=tolerance)
         self.limit = limit
 
-    def step(self, fn, y, args, options, state, tags):
+    def step(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> Any:
         y, new, aux = super().step(fn, y, args, options, state, tags)
         before = 0.5 * jnp.sum(state.f_info.residual**2)
         after = 0.5 * jnp.sum(new.f_info.residual**2)
@@ -95,11 +96,11 @@ def solve_one(
     """
 
     @jax.custom_jvp
-    def target(x):
+    def target(x: Array) -> Array:
         return _objective(x, trial, data, space, robust=robust)
 
     @target.defjvp
-    def _(primals, tangents):
+    def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
         value, columns = _sensitivities(primals[0], trial, data, space, robust=robust)
         return value, columns @ tangents[0]
 
@@ -136,8 +137,8 @@ def solve(
 
 
 @eqx.filter_jit
-def _solve(trials, data, space, max_steps, tolerance, robust):
-    def one(trial):
+def _solve(trials: Trial, data: Data, space: Space, max_steps: Array, tolerance: float, robust: float) -> Solution:
+    def one(trial: Trial) -> Solution:
         return solve_one(trial, data, space, max_steps=max_steps, tolerance=tolerance, robust=robust)
 
     return jax.vmap(one)(trials)
@@ -157,8 +158,10 @@ def solve_fleet(
 
 
 @eqx.filter_jit
-def _solve_fleet(trials, data, spaces, max_steps, tolerance, robust):
-    def one(trial, mine, space):
+def _solve_fleet(
+    trials: Trial, data: Data, spaces: Space, max_steps: Array, tolerance: float, robust: float
+) -> Solution:
+    def one(trial: Trial, mine: Data, space: Space) -> Solution:
         return solve_one(trial, mine, space, max_steps=max_steps, tolerance=tolerance, robust=robust)
 
     return jax.vmap(one)(trials, data, spaces)

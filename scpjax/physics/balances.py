@@ -19,7 +19,8 @@ from jaxtyping import Array, Float
 from scpjax.physics.mechanism import Mechanism, Values, View
 from scpjax.physics.structure import Structure
 
-States = Sequence[Array]
+States = Sequence[Array] | Array
+Number = Array | np.ndarray | float
 
 
 class Balances:
@@ -170,7 +171,9 @@ class Balances:
                 total = total + m.delay(p)
         return total
 
-    def initial(self, temperature=0.0, displaced=0.0, velocity=0.0, effort=0.0) -> Float[Array, " n"]:
+    def initial(
+        self, temperature: Number = 0.0, displaced: Number = 0.0, velocity: Number = 0.0, effort: Number = 0.0
+    ) -> Float[Array, " n"]:
         """See `Model.initial`."""
         warm = jnp.broadcast_to(jnp.asarray(temperature, self.dtype), (self.sides,))
         effort = jnp.broadcast_to(jnp.asarray(effort, self.dtype), (self.sides,))

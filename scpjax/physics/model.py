@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from scpjax.errors import ModelError
-from scpjax.physics.balances import Balances
+from scpjax.physics.balances import Balances, Number
 from scpjax.physics.structure import Structure
 
 
@@ -72,7 +72,9 @@ class Model(eqx.Module):
         """Sensor readings in SI: temperatures [K], then displacement [m] or angle [rad]."""
         return jnp.stack(self.balances().observe([z[i] for i in range(self.structure.n_states)], effort))
 
-    def initial(self, temperature=0.0, displaced=0.0, velocity=0.0, effort=0.0) -> Float[Array, " n"]:
+    def initial(
+        self, temperature: Number = 0.0, displaced: Number = 0.0, velocity: Number = 0.0, effort: Number = 0.0
+    ) -> Float[Array, " n"]:
         """State of an actuator that has long been ``temperature`` [K above ambient, per side] warm.
 
         ``displaced`` [m] is added to the coordinate's equilibrium at that temperature (at that ``effort`` where the

@@ -74,10 +74,10 @@ class Grid(eqx.Module):
     plus ``fraction[i]`` of a step.
     """
 
-    effort: Float[Array, "steps 3 sides"]
-    step: Float[Array, ""]
-    at: Int[Array, " n"]
-    fraction: Float[Array, " n"]
+    effort: Float[Array | np.ndarray, "steps 3 sides"]
+    step: Float[Array | np.ndarray, ""]
+    at: Int[Array | np.ndarray, " n"]
+    fraction: Float[Array | np.ndarray, " n"]
     constant: bool = eqx.field(static=True)
 
     @property

@@ -6,7 +6,7 @@ from scipy import signal
 
 from scpjax.errors import FitError
 from scpjax.fit.metrics import mae, nrmse, rmse
-from scpjax.fit.setup import noise_floor
+from scpjax.fit.noise import noise_floor
 from scpjax.fit.start import (
     best_linear,
     conductance_from_steady_states,
