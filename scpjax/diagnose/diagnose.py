@@ -198,6 +198,7 @@ def _final(setup: Setup, parts: Split, state: State) -> tuple[Trial, Data]:
     plain, filtered = (white(r, parts.is_held)[0] for r in (state.residual, residual_on(trained, parts.whole, setup)))
     if filtered > plain * (1 + 1e-3):
         return trial, parts.whole
+    data = parts.whole
     for _ in range(2):
         data = parts.whole.with_colour(white.colour)
         trial, _, _ = refine(setup, data, trial)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
 from scpjax.errors import FitError, ScpjaxError
 from scpjax.fit.problem import columns
@@ -203,6 +204,4 @@ def _quasi_static(
 def _first_order(u: np.ndarray, tau: float, period: float) -> np.ndarray:
     """Response of tau y' + y = tau u from rest, held input."""
     decay = np.exp(-period / tau)
-    from scipy.signal import lfilter
-
-    return lfilter([0.0, tau * (1 - decay)], [1.0, -decay], u)
+    return np.asarray(lfilter([0.0, tau * (1 - decay)], [1.0, -decay], u))

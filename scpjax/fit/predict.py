@@ -96,7 +96,7 @@ def _in_motion(model: Model, recording: Recording, z0: Array, method: Method) ->
     s = model.structure
     if s.thermal or not s.mechanical or np.allclose(z0, model.initial(effort=_first_effort(model, recording))):
         return z0
-    lag = period_of(drive_values(s, recording)[:, 0])
+    lag = period_of(np.asarray(drive_values(s, recording))[:, 0])
     if lag is None:
         return z0
     later = simulate(model, recording, initial=z0, method=method).states[lag]

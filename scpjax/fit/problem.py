@@ -125,7 +125,7 @@ def predict_outputs(
         states, efforts = node_states(m, grid, z0, order=data.order)
         return at_samples(jax.vmap(m.observe)(states, efforts), grid)
 
-    return jax.vmap(one)(data.grids, data.ambient, data.start_effort, local_values)
+    return jax.vmap(one)(data.grids, jnp.asarray(data.ambient), jnp.asarray(data.start_effort), local_values)
 
 
 def binned_residuals(
@@ -171,13 +171,10 @@ def binned_residuals(
 
     return jax.vmap(one)(
         data.grids,
-        data.ambient,
-        data.start_effort,
+        jnp.asarray(data.ambient),
+        jnp.asarray(data.start_effort),
         local_values,
-        data.at_start,
-        data.at_end,
-        data.target,
-        data.norm,
+        *(jnp.asarray(x) for x in (data.at_start, data.at_end, data.target, data.norm)),
     )
 
 

@@ -33,7 +33,7 @@ def cut_long(recordings: Sequence[Recording], s: Structure) -> tuple[tuple[Recor
             2,
             held=r.hold == "zero_order",
         )
-        slowest = min((float(np.min(np.abs(m.poles.real))) for m in poles[:1]), default=1e-9)
+        slowest = min((float(np.min(np.abs(np.real(m.poles)))) for m in poles[:1]), default=1e-9)
         lead = int(np.clip(16.0 / slowest / r.period, 64, _SEGMENT))
         starts = np.arange(0, max(r.n - lead - _SEGMENT - _EDGE, 1), _SEGMENT)
         if len(starts) > _SEGMENTS:

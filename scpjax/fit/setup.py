@@ -17,7 +17,7 @@ from scpjax.fit.space import measured, null_values, space_of, starts_of
 from scpjax.physics.catalogue import applicable
 from scpjax.physics.mechanism import Mechanism
 from scpjax.physics.presets import structure as preset
-from scpjax.physics.structure import Structure
+from scpjax.physics.structure import DriveKind, Structure
 from scpjax.recordings.recording import Recording, check_informative
 from scpjax.simulate.drive import drive_kind, drive_values, effort
 
@@ -93,7 +93,7 @@ def structure_for(recordings: Sequence[Recording], model: str | None, extra: Seq
     **Raises** `FitError` when the recordings are driven by different columns or a joint lacks its pulley.
     """
     name = choose_model(recordings, model)
-    kinds = {drive_kind(c.stem, name) for r in recordings for c in r.input_channels}
+    kinds: set[DriveKind] = {drive_kind(c.stem, name) for r in recordings for c in r.input_channels}
     if len(kinds) != 1:
         raise FitError(f"drives of different kinds: {sorted(kinds)}", mend="fit recordings with one kind of drive")
     meta = recordings[0].metadata

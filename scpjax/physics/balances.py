@@ -56,7 +56,7 @@ class Balances:
     def _shape(self) -> tuple[int, ...]:
         return () if self.sides == 1 else (self.sides,)
 
-    def _join(self, parts: Sequence[Array]) -> Array:
+    def _join(self, parts: States) -> Array:
         return parts[0] if self.sides == 1 else jnp.stack(list(parts))
 
     def _each(self, values: Array) -> list[Array]:
@@ -93,7 +93,7 @@ class Balances:
         view.deflection = x
         return view, owns
 
-    def _fold(self, hook: str, start, view: View, owns: list, *extra):
+    def _fold(self, hook: str, start: Array, view: View, owns: list, *extra: str) -> Array:
         for m, p, own in zip(self.structure.mechanisms, self.values, owns, strict=True):
             if _has(m, hook):
                 view.own = own
@@ -147,7 +147,7 @@ class Balances:
             parts += self._each(self.ambient + self._fold("reading", view.felt, view, owns, "temperature"))
         if self.structure.mechanical:
             moved = self._each(self._fold("reading", view.displacement, view, owns, "displacement"))[0]
-            parts.append(moved / self.structure.pulley_radius if self.sides == 2 else moved)
+            parts.append(moved / (self.structure.pulley_radius or 1.0) if self.sides == 2 else moved)
         return parts
 
     def heat_flows(self, z: States, effort: Float[Array, " sides"]) -> tuple[Array, Array, Array]:
@@ -221,7 +221,7 @@ def coupling(structure: Structure) -> tuple[tuple[bool, ...], ...]:
     """
     n = structure.n_states
 
-    def rates(z, effort):
+    def rates(z: tuple[Array, ...], effort: Array) -> list[Array]:
         theta, laws = jnp.asarray(structure.typical()), jnp.zeros(len(structure.mechanisms))
         return Balances(structure, theta, laws, jnp.asarray(293.15)).rates(list(z), effort)
 

@@ -23,7 +23,13 @@ class Model(eqx.Module):
     laws: Float[Array, " mechanisms"]
     ambient: Float[Array, ""]
 
-    def __init__(self, structure: Structure, theta=None, laws=None, ambient=293.15):
+    def __init__(
+        self,
+        structure: Structure,
+        theta: Array | np.ndarray | None = None,
+        laws: Array | np.ndarray | None = None,
+        ambient: Number = 293.15,
+    ):
         self.structure = structure
         self.theta = jnp.asarray(structure.typical() if theta is None else theta, dtype=float)
         self.laws = jnp.asarray(np.zeros(len(structure.mechanisms)) if laws is None else laws, dtype=self.theta.dtype)
@@ -86,7 +92,9 @@ class Model(eqx.Module):
         """Dead time [s] of the drive."""
         return self.balances().delay()
 
-    def linearise(self, z=None, effort=None) -> tuple[Float[Array, "n n"], Float[Array, "n sides"]]:
+    def linearise(
+        self, z: Array | None = None, effort: Array | None = None
+    ) -> tuple[Float[Array, "n n"], Float[Array, "n sides"]]:
         """(A, B) of the balances about a state and an effort; rest when none is given."""
         n, s = self.structure.n_states, len(self.structure.sides)
         z = jnp.zeros(n, self.theta.dtype) if z is None else z

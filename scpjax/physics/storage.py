@@ -67,7 +67,8 @@ def load_model(path: str | os.PathLike[str]) -> tuple[Model, dict[str, Any]]:
     reader = _Reader(str(path), _read(path))
     s = reader.structure()
     laws = reader.laws(s.mechanisms)
-    return Model(s, reader.theta(s), laws, reader.number("ambient_K", None)), reader.get("extra", dict, {})
+    theta = np.asarray(reader.theta(s))
+    return Model(s, theta, np.asarray(laws), reader.number("ambient_K", None)), reader.get("extra", dict, {})
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -8,6 +8,7 @@ is, both methods are exact for an effort that is constant over the step, and the
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -38,7 +39,7 @@ def phi_functions(a: Float[Array, "n n"]) -> tuple[Array, Array, Array, Array]:
     p2 = eye / 2.0 + x @ p3
     p1 = eye + x @ p2
 
-    def body(ps, i):
+    def body(ps: Any, i: Array) -> tuple[Any, None]:
         return tuple(jnp.where(i < count, d, p) for d, p in zip(_double(ps), ps, strict=True)), None
 
     (e, p1, p2, p3), _ = jax.lax.scan(body, (x @ p1, p1, p2, p3), jnp.arange(_SQUARINGS))
@@ -114,7 +115,7 @@ def etd2(rates: Rates, a: Float[Array, "n n"], step: Array, *, pattern: Pattern)
     # with A either, for A h phi_1 = exp(A h) - 1
     first, second, back = (_Matrix(m, pattern) for m in (p1 * step, p2 * step, p2 @ p0 * step))
 
-    def advance(z, u):
+    def advance(z: list[Array], u: Array) -> list[Array]:
         f = rates(z, u)
         predicted = _add(z, first(f))
         return _combine((1.0, predicted), (1.0, second(rates(predicted, u))), (-1.0, back(f)))
@@ -133,10 +134,10 @@ def etd4(rates: Rates, a: Float[Array, "n n"], step: Array, *, pattern: Pattern)
     h1, h2 = (_Matrix(m, pattern) for m in (half[1] * step / 2, half[2] * step))
     p1, p2, p3 = (_Matrix(m, pattern) for m in (whole[1] * step, whole[2] * step, whole[3] * step))
 
-    def rest(z, u):
+    def rest(z: list[Array], u: Array) -> list[Array]:
         return _combine((1.0, rates(z, u)), (-1.0, core(z)))
 
-    def advance(z, u):
+    def advance(z: list[Array], u: Array) -> list[Array]:
         f0 = rates(z, u[0])
         n0 = _combine((1.0, f0), (-1.0, core(z)))
         at_half = _add(z, h1(f0))
@@ -154,7 +155,7 @@ def etd4(rates: Rates, a: Float[Array, "n n"], step: Array, *, pattern: Pattern)
 def all_nodes(advance: Step, z0: Float[Array, " n"], effort: Float[Array, "steps ..."]) -> Float[Array, "nodes n"]:
     """States at all steps + 1 nodes."""
 
-    def body(z, u):
+    def body(z: list[Array], u: Array) -> tuple[list[Array], list[Array]]:
         z = advance(z, u)
         return z, z
 

@@ -119,7 +119,7 @@ def _band_limited(
     n, squares = values.shape[0], model.structure.drive in ("voltage", "pwm", "current")
     factor = 2 if squares else 1  # squaring doubles the band
     if squares:
-        values = band_limited(values, time, np.linspace(time[0], time[-1], factor * (n - 1) + 1))
+        values = jnp.asarray(band_limited(values, time, np.linspace(time[0], time[-1], factor * (n - 1) + 1)))
     efforts = _effort(model, values, supply)
     h = jnp.asarray((time[-1] - time[0]) / (n - 1), model.theta.dtype)
     return _spectral(model, efforts, h, z0, factor=factor), efforts[::factor]

@@ -58,15 +58,15 @@ def stepper(model: Model, grid: Grid, *, order: int = 2) -> tuple[Step, Float[Ar
 
     ``order`` 2 needs an effort that is constant over each step and is raised to 4 where it is not.
     """
-    nodes = grid.effort
+    nodes, step = jnp.asarray(grid.effort), jnp.asarray(grid.step)
     if any(type(m).delay is not Mechanism.delay for m in model.structure.mechanisms):
-        nodes = delayed(nodes, grid.step, model.delay(), grid.constant)
+        nodes = delayed(nodes, step, model.delay(), grid.constant)
     a, _ = model.linearise()
     pattern = coupling(model.structure)
     rates = model.balances().rates
     if order == 2 and grid.constant:
-        return etd2(rates, a, grid.step, pattern=pattern), nodes[:, 0, :]
-    return etd4(rates, a, grid.step, pattern=pattern), nodes
+        return etd2(rates, a, step, pattern=pattern), nodes[:, 0, :]
+    return etd4(rates, a, step, pattern=pattern), nodes
 
 
 def node_states(model: Model, grid: Grid, z0: Float[Array, " states"], *, order: int = 2) -> tuple[Array, Array]:
@@ -132,11 +132,12 @@ def energy_balance(model: Model, recording: Recording, *, initial: Array | None 
 
 @jax.jit
 def _heats(model: Model, grid: Grid, z0: Array) -> dict[str, Array]:
-    nodes = delayed(grid.effort, grid.step, model.delay(), grid.constant)
+    step = jnp.asarray(grid.step)
+    nodes = delayed(jnp.asarray(grid.effort), step, model.delay(), grid.constant)
 
     balances = model.balances()
 
-    def rates(z, u):
+    def rates(z: list[Array], u: Array) -> list[Array]:
         power, lost, _ = balances.heat_flows(z[:-2], u)
         return [*balances.rates(z[:-2], u), power, lost]
 
@@ -144,7 +145,7 @@ def _heats(model: Model, grid: Grid, z0: Array) -> dict[str, Array]:
     z_all = jnp.concatenate([z0, jnp.zeros(2, z0.dtype)])
     a = jax.jacfwd(lambda z: jnp.stack(rates([z[i] for i in range(n + 2)], jnp.zeros(sides))))(jnp.zeros_like(z_all))
     dense = ((True,) * (n + 2),) * (n + 2)
-    end = all_nodes(etd4(rates, a, grid.step, pattern=dense), z_all, nodes)[-1]
+    end = all_nodes(etd4(rates, a, step, pattern=dense), z_all, nodes)[-1]
     stored = [balances.heat_flows(z, nodes[i, j])[2] for z, i, j in ((z0, 0, 0), (end[:-2], -1, 2))]
     return {"supplied": end[-2], "lost": end[-1], "stored": stored[1] - stored[0]}
 
