@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 
 from scpjax.diagnose.diagnose import diagnose
-from scpjax.fit.metrics import nrmse
+from scpjax.fit.metrics import nrmse, rmse
 from scpjax.fit.predict import predict
 from scpjax.recordings.files import read_recording
+
+all_cases = pytest.mark.skipif(
+    os.environ.get("SCPJAX_ACCEPTANCE") != "1", reason="skipped: set SCPJAX_ACCEPTANCE=1 to run every acceptance case"
+)
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +49,7 @@ def first_cycles(recording, n=2):
     return float(recording.time[ends[n - 1]])
 
 
-@pytest.mark.skipif(
-    os.environ.get("SCPJAX_ACCEPTANCE") != "1", reason="skipped: set SCPJAX_ACCEPTANCE=1 to run every acceptance case"
-)
+@all_cases
 def test_fluidic_muscle(data_dir):
     scores = []
     for file in sorted((data_dir / "cavatappi").glob("sample1_*.csv")):
@@ -64,3 +66,19 @@ def test_fluidic_muscle(data_dir):
     base, extended = np.median(scores, axis=0)
     print(f"median: base {base:.1f} %, extended {extended:.1f} %")
     assert extended >= 80
+
+
+@all_cases
+def test_electronic_oscillator(data_dir):
+    folder = data_dir / "silverbox"
+    d = diagnose([read_recording(folder / "multisine_train.csv")])
+    assert d.mechanisms[0].name == "nonlinear_stiffness"
+    for name, bar in (("multisine_test", 0.33e-3), ("arrow_test", 0.45e-3)):
+        unseen = read_recording(folder / f"{name}.csv")
+        measured = unseen.outputs[:, 0]
+        errors = []
+        for model in (d.base_model, d.model):
+            (said,) = predict(model, unseen, noise=d.base.noise)[1].values()
+            errors.append(rmse(said, measured))
+        print(f"Silverbox {name}: base {1e3 * errors[0]:.2f} mV, extended {1e3 * errors[1]:.4f} mV")
+        assert errors[1] <= bar
