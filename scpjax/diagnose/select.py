@@ -174,7 +174,10 @@ def compare(before: State, after: State, added: str, law: str, split: Split, rul
 def try_all(
     setup: Setup, state: State, split: Split, rules: Evidence, *, width: int, max_steps: int
 ) -> list[Comparison]:
-    """Every mechanism not yet in, each from all its laws and starts, in one compiled call; best law of each."""
+    """Every mechanism not yet in, each from all its laws and starts, in one compiled call; best law of each.
+
+    The best law is the one with evidence for it: a wider one fits the training part better and may predict worse.
+    """
     labels: list[tuple[Mechanism, int]] = []
     trials: list[Trial] = []
     for m in candidates(setup):
@@ -185,33 +188,39 @@ def try_all(
             trials.append(trial)
     if not trials:
         return []
-    solved, cost = _two_stages(setup, split, trials, [m.name for m, _ in labels], max_steps)
+    solved, cost = _two_stages(setup, split, trials, [(m.name, law) for m, law in labels], max_steps)
     residuals = binned_of(solved, split.whole, setup.space)
     # a trial that blew up (its residuals are cut off) explains nothing
     wild = np.any(np.abs(residuals) >= CEILING, axis=(1, 2, 3))
     residuals[wild] = 10.0 * state.residual
     out = []
     for name in dict.fromkeys(m.name for m, _ in labels):
-        mine = [i for i, (m, _) in enumerate(labels) if m.name == name]
-        i = min(mine, key=lambda i: cost[i])
-        m, law = labels[i]
-        after = State((*state.names, name), solved[i], residuals[i], float(cost[i]))
-        extra = sum(not p.fixed for p in m.parameters)
-        out.append(compare(state, after, name, m.laws[law], split, rules, extra))
+        laws = []
+        for law in dict.fromkeys(law for m, law in labels if m.name == name):
+            i = min((i for i, (m, k) in enumerate(labels) if m.name == name and k == law), key=lambda i: cost[i])
+            m = labels[i][0]
+            after = State((*state.names, name), solved[i], residuals[i], float(cost[i]))
+            extra = sum(not p.fixed for p in m.parameters)
+            laws.append(compare(state, after, name, m.laws[law], split, rules, extra))
+        out.append(max(laws, key=lambda c: (c.accepted, c.delta_bic)))
     return sorted(out, key=lambda c: -c.delta_bic)
 
 
+_SECOND = 4  # mechanisms that may go on from two starts
 _SCREEN = 12  # steps after which a start that is behind is left behind; the first few may all be too bold
 
 
 def _two_stages(
-    setup: Setup, split: Split, trials: Sequence[Trial], names: Sequence[str], max_steps: int
+    setup: Setup, split: Split, trials: Sequence[Trial], labels: Sequence[tuple[str, int]], max_steps: int
 ) -> tuple[list[Trial], np.ndarray]:
-    """A few steps for all; then on with the two best starts of every mechanism."""
+    """A few steps for all; then on with the best start of every law, and the second best of leading mechanisms."""
     solved, cost = solve_all(trials, split.train, setup.space, max_steps=_SCREEN)
-    order = list(np.argsort(cost))
-    leading = dict.fromkeys(names[i] for i in order)
-    chosen = [i for name in leading for i in [k for k in order if names[k] == name][:2]]
+    order = [int(i) for i in np.argsort(cost)]
+    first = dict.fromkeys(labels[i] for i in order)
+    chosen = [next(i for i in order if labels[i] == label) for label in first]
+    for name in list(dict.fromkeys(labels[i][0] for i in order))[:_SECOND]:
+        second = [i for i in order if labels[i][0] == name][1:2]
+        chosen += [i for i in second if i not in chosen]
     better, lower = solve_all([solved[i] for i in chosen], split.train, setup.space, max_steps=max_steps)
     for i, trial, c in zip(chosen, better, lower, strict=True):
         if c <= cost[i]:
