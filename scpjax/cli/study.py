@@ -94,7 +94,7 @@ def say_diagnosis(arguments: Namespace, d: Diagnosis) -> None:
 def say_parameters(arguments: Namespace, parameters: dict[str, Estimate]) -> None:
     """A line for each: value ± standard error and the 95 % interval."""
     for key, e in parameters.items():
-        value = f"{estimate(e.value, e.std, e.low, e.high)} {unit(e.unit)}".strip()
+        value = f"{estimate(e.value, e.std, e.low, e.high, e.at_limit)} {unit(e.unit)}".strip()
         say(arguments, f"  {key} = {value}   (95 %: {interval(e.low, e.high)})")
 
 

@@ -6,24 +6,15 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-import jax.numpy as jnp
 import numpy as np
 
+from scpjax.diagnose.holdout import Split, split
 from scpjax.diagnose.locate import locate, observe
 from scpjax.diagnose.result import Diagnosis, Named, Scores
-from scpjax.diagnose.select import (
-    Choice,
-    Evidence,
-    Progress,
-    Split,
-    State,
-    choose,
-    moving_parameters,
-    residual_on,
-    split,
-    widest,
-)
+from scpjax.diagnose.select import Choice, Evidence, Progress, choose
+from scpjax.diagnose.trials import State, residual_on, widest
 from scpjax.fit.colour import Whitener
+from scpjax.fit.data import Data
 from scpjax.fit.fit import (
     best_start,
     final_model,
@@ -34,7 +25,7 @@ from scpjax.fit.fit import (
     traces,
 )
 from scpjax.fit.identifiability import estimates, uncertainty
-from scpjax.fit.problem import Data, Trial
+from scpjax.fit.problem import Trial
 from scpjax.fit.setup import Setup, prepare
 from scpjax.physics.catalogue import left_out
 from scpjax.recordings.recording import Recording
@@ -265,6 +256,3 @@ def _verdict(state: State, parts: Split, named: tuple[Named, ...]):
         f"Left out of the base model: {names}; but the misfit is still {ratio:.1f} times the noise, so something "
         "else is missing too.",
     )
-
-
-__all__ = ["DiagnoseOptions", "diagnose", "jnp", "moving_parameters"]

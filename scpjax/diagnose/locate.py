@@ -9,7 +9,8 @@ import numpy as np
 
 from scpjax.diagnose.residual import independence, whiteness
 from scpjax.diagnose.result import Location, Window
-from scpjax.fit.problem import Data, Trial
+from scpjax.fit.data import Data
+from scpjax.fit.problem import Trial
 from scpjax.fit.setup import Setup
 from scpjax.fit.solve import outputs_of
 

@@ -11,10 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from scpjax.errors import FitError
+from scpjax.fit.data import Data, columns
 from scpjax.fit.gaps import fill, find_gaps, improve
 from scpjax.fit.identifiability import estimates, uncertainty
 from scpjax.fit.metrics import mae, nrmse, rmse
-from scpjax.fit.problem import Data, Trial, columns, unpack
+from scpjax.fit.problem import Trial, unpack
 from scpjax.fit.result import Fit, Trace
 from scpjax.fit.setup import Setup, prepare
 from scpjax.fit.solve import outputs_of, solve, stack

@@ -12,9 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from scpjax.errors import FitError, ScpjaxError
+from scpjax.fit.data import Data
 from scpjax.fit.fit import FitOptions, final_model, noise_by_column, scores, traces
 from scpjax.fit.identifiability import estimates, uncertainty
-from scpjax.fit.problem import Data, Space, Trial
+from scpjax.fit.problem import Space, Trial
 from scpjax.fit.result import Fit
 from scpjax.fit.setup import Setup, choose_model, prepare
 from scpjax.fit.solve import pick, solve_fleet, stack

@@ -15,7 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from scpjax.fit.problem import Data, Space, Trial, binned_residuals, residuals, unpack
+from scpjax.fit.data import Data
+from scpjax.fit.problem import Space, Trial, binned_residuals, residuals, unpack
 
 PRIOR = 0.29  # standard deviation of a share that may be anything from 0 to 1
 

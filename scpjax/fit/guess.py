@@ -9,7 +9,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from scpjax.errors import FitError, ScpjaxError
-from scpjax.fit.problem import columns
+from scpjax.fit.data import columns
 from scpjax.fit.start import Linear, best_linear, thermal_mass_from_energy
 from scpjax.physics.structure import Structure
 from scpjax.recordings.condition import resample

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scpjax.fit.problem import Data, Space, Trial
+from scpjax.fit.data import Data
+from scpjax.fit.problem import Space, Trial
 from scpjax.fit.result import Estimate
 from scpjax.fit.solve import evaluate, stack
 

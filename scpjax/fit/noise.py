@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from scpjax.fit.problem import columns
+from scpjax.fit.data import columns
 from scpjax.physics.structure import Structure
 from scpjax.recordings.condition import estimate_noise
 from scpjax.recordings.recording import Recording

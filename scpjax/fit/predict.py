@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from scipy import signal
 
 from scpjax.errors import ModelError, ScpjaxError
-from scpjax.fit.problem import columns
+from scpjax.fit.data import columns
 from scpjax.physics.model import Model
 from scpjax.recordings.recording import Recording
 from scpjax.simulate.drive import drive_values, effort

@@ -1,93 +1,24 @@
-"""The least-squares problem of one actuator: its recordings side by side, its parameters, its residuals.
-
-Everything with a shape is padded so that recordings run abreast in one compiled program; padding has weight 0.
-"""
+"""The least-squares problem of one actuator: its parameters and initial states, its residuals."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from scpjax.errors import FitError
+from scpjax.fit.data import Data
 from scpjax.parameter import Bounded
 from scpjax.physics.model import Model
 from scpjax.physics.structure import Structure
-from scpjax.recordings.recording import Recording
-from scpjax.simulate.drive import Grid, make_grid
+from scpjax.simulate.drive import Grid
 from scpjax.simulate.simulate import at_samples, node_states, stepper
 
 CEILING = 1e7
 """Binned residuals are cut off there, in standard deviations."""
-
-
-class Data(eqx.Module):
-    """Recordings abreast. r recordings, n samples, s sides, y outputs of the model; k bins of ``bin`` steps each.
-
-    The samples of a bin are summed as the simulation passes: ``at_start`` and ``at_end`` are what the outputs at the
-    two ends of each step contribute, ``target`` the same sum of the recorded values, ``norm`` its standard deviation.
-    """
-
-    grids: Grid  # leaves with a leading axis r
-    outputs: Float[Array | np.ndarray, "r n y"]  # SI
-    weights: Float[Array | np.ndarray, "r n y"]  # 0 or 1 (or the user's), 0 in the padding
-    sigma: Float[Array | np.ndarray, " y"]  # noise standard deviation by which each output is weighted
-    ambient: Float[Array | np.ndarray, " r"]
-    start_effort: Float[Array | np.ndarray, "r s"]
-    at_start: Float[Array | np.ndarray, "r steps y"]
-    at_end: Float[Array | np.ndarray, "r steps y"]
-    target: Float[Array | np.ndarray, "r k y"]
-    norm: Float[Array | np.ndarray, "r k y"]
-    colour: Float[
-        Array | np.ndarray, "y 3"
-    ]  # autoregressive coefficients by which residuals are filtered; 0: not at all
-    bin: int = eqx.field(static=True)
-    order: int = eqx.field(static=True)
-
-    def with_weights(self, weights: np.ndarray | Array) -> Data:
-        """The same data with other weights (held-out samples: 0)."""
-        parts = _sums(self.grids, np.asarray(self.outputs), np.asarray(weights), np.asarray(self.sigma), self.bin)
-        where = lambda d: (d.weights, d.at_start, d.at_end, d.target, d.norm)  # noqa: E731
-        return eqx.tree_at(where, self, (jnp.asarray(weights), *(jnp.asarray(x) for x in parts)))
-
-    def with_effort(self, effort: np.ndarray) -> Data:
-        """The same data driven by another effort (r, steps, 3, s)."""
-        return eqx.tree_at(lambda d: d.grids.effort, self, jnp.asarray(effort))
-
-    def with_colour(self, colour: np.ndarray) -> Data:
-        """The same data with residuals filtered by autoregressive coefficients (y, 3): generalised least squares."""
-        return eqx.tree_at(lambda d: d.colour, self, jnp.asarray(colour))
-
-    @property
-    def used_bins(self) -> int:
-        """Number of bins that hold a sample: the residuals that carry information."""
-        return int(np.sum(np.isfinite(np.asarray(self.norm))))
-
-
-def _sums(
-    grids: Grid, outputs: np.ndarray, weights: np.ndarray, sigma: np.ndarray, bin: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    r, _n, y = outputs.shape
-    steps = np.asarray(grids.effort).shape[1]
-    at, fraction = np.asarray(grids.at), np.asarray(grids.fraction)
-    start, end = np.zeros((r, steps, y)), np.zeros((r, steps, y))
-    target, square = np.zeros((r, steps, y)), np.zeros((r, steps, y))
-    for i in range(r):
-        step = np.minimum(at[i], steps - 1)
-        share = np.where(at[i] == step, fraction[i], 1.0)[:, None]
-        np.add.at(start[i], step, weights[i] * (1 - share))
-        np.add.at(end[i], step, weights[i] * share)
-        np.add.at(target[i], step, weights[i] * outputs[i])
-        np.add.at(square[i], step, weights[i] ** 2)
-    fold = lambda x: x.reshape(r, steps // bin, bin, y).sum(axis=2)  # noqa: E731
-    norm = np.sqrt(fold(square)) * sigma
-    return start, end, fold(target), np.where(norm > 0, norm, np.inf)
 
 
 @dataclass(frozen=True)
@@ -188,83 +119,6 @@ def whitened(residual: Float[Array, "r k y"], data: Data) -> Float[Array, "r k y
         whole &= jnp.pad(there[:, :-lag], ((0, 0), (lag, 0), (0, 0)))
     coloured = jnp.any(data.colour != 0, axis=1)
     return jnp.where(coloured, jnp.where(whole, filtered, 0.0), residual)
-
-
-def pack(
-    structure: Structure,
-    recordings: Sequence[Recording],
-    sigma: np.ndarray,
-    *,
-    ambient: Sequence[float],
-    bin: int = 1,
-    order: int = 2,
-    substeps: int = 1,
-    pad_to: int = 256,
-) -> Data:
-    """Recordings side by side, padded to multiples of ``pad_to`` so that like recordings share a program."""
-    grids = [make_grid(structure, r, ambient=a, substeps=substeps) for r, a in zip(recordings, ambient, strict=True)]
-    constant = all(g.constant for g in grids)
-    bin = bin * substeps
-    unit = int(np.lcm(pad_to, bin))
-    steps = unit * -(-max(g.steps for g in grids) // unit)
-    n = max(steps // substeps + 1, max(r.n for r in recordings))
-    ny = len(structure.outputs)
-    outputs = np.zeros((len(recordings), n, ny))
-    weights = np.zeros_like(outputs)
-    for i, r in enumerate(recordings):
-        for j, stem in columns(structure, r):
-            outputs[i, : r.n, j] = r.output(stem)
-            weights[i, : r.n, j] = r.weight(stem)
-    padded = [
-        Grid(
-            np.pad(g.effort, ((0, steps - g.steps), (0, 0), (0, 0)), mode="edge"),
-            g.step,
-            np.pad(g.at, (0, n - g.at.shape[0])),
-            np.pad(g.fraction, (0, n - g.at.shape[0])),
-            constant,
-        )
-        for g in grids
-    ]
-    together = jax.tree.map(lambda *leaves: np.stack(leaves), *padded)
-    parts = _sums(together, outputs, weights, np.asarray(sigma), bin)
-    data = Data(
-        together,
-        outputs,
-        weights,
-        np.asarray(sigma),
-        np.asarray(ambient, float),
-        np.stack([g.effort[0, 0] for g in grids]),
-        *parts,
-        np.zeros((ny, 3)),
-        bin=bin,
-        order=order if constant else 4,
-    )
-    return jax.tree.map(jnp.asarray, data)
-
-
-def columns(structure: Structure, recording: Recording) -> list[tuple[int, str]]:
-    """(index among the model's outputs, stem in the recording) of every output both have.
-
-    A response that is none of the model's stems (``response_V``, ``level_V``) stands for its last output.
-
-    **Raises** `FitError` when there is none in common.
-    """
-    found = []
-    for channel in recording.output_channels:
-        if channel.stem in structure.outputs:
-            found.append((structure.outputs.index(channel.stem), channel.stem))
-    if not found and len(recording.output_channels) == 1:
-        first = recording.output_channels[0].stem.split("_")[0]
-        if first not in ("temperature", "displacement", "angle", "force"):
-            return [(len(structure.outputs) - 1, recording.output_channels[0].stem)]
-    if not found:
-        raise FitError(
-            f"no column among {[c.column for c in recording.output_channels]} is an output of the model "
-            f"{structure.name}, which gives {list(structure.outputs)}",
-            where=recording.metadata.path,
-            mend="choose another model with --model or another column with --response",
-        )
-    return found
 
 
 class Space(eqx.Module):

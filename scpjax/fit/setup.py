@@ -9,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from scpjax.errors import FitError, ModelError
+from scpjax.fit.data import Data, pack
 from scpjax.fit.guess import Scales, guess_base
 from scpjax.fit.noise import noise_of
-from scpjax.fit.problem import Data, Locals, Space, Trial, pack
+from scpjax.fit.problem import Locals, Space, Trial
 from scpjax.fit.segments import cut_long
 from scpjax.fit.space import measured, null_values, space_of, starts_of
 from scpjax.physics.catalogue import applicable

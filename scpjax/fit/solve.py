@@ -13,7 +13,8 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from scpjax.fit.problem import Data, Space, Trial, residuals, simulated
+from scpjax.fit.data import Data
+from scpjax.fit.problem import Space, Trial, residuals, simulated
 
 
 class Solution(eqx.Module):

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 import jax.numpy as jnp
 import numpy as np
 
+from scpjax.fit.data import columns
 from scpjax.fit.guess import Guess, Scales
-from scpjax.fit.problem import Locals, Space, columns
+from scpjax.fit.problem import Locals, Space
 from scpjax.parameter import Bounded, Parameter
 from scpjax.physics.structure import Structure
 from scpjax.recordings.recording import Recording

@@ -1,0 +1,40 @@
+"""Which stretches of the recordings are kept out of fitting, to judge by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scpjax.fit.data import Data
+
+
+@dataclass(frozen=True)
+class Split:
+    """Training data, all data, and which bins belong to which."""
+
+    train: Data
+    whole: Data
+    is_train: np.ndarray  # (r, k, y)
+    is_held: np.ndarray
+    mask: np.ndarray  # (r, n, y) samples held out
+
+
+def split(data: Data, fractions: tuple[tuple[float, float], ...] = ((0.25, 0.35), (0.6, 0.7), (0.9, 1.0))) -> Split:
+    """Stretches of every recording, on whole bins, kept out of fitting; the simulation runs through them."""
+    weights = np.asarray(data.weights)
+    held = np.zeros(weights.shape, bool)
+    at = np.asarray(data.grids.at)
+    for i in range(weights.shape[0]):
+        seen = np.flatnonzero(weights[i].sum(axis=1) > 0)
+        last = at[i, seen[-1]] + 1
+        for a, b in fractions:
+            low, high = (round(f * last / data.bin) * data.bin for f in (a, b))
+            high = last + 1 if b == 1.0 else high
+            inside = (at[i] >= low) & (at[i] < high)
+            inside[seen[-1] + 1 :] = False
+            held[i, inside] = True
+    train = data.with_weights(np.where(held, 0.0, weights))
+    is_train = np.isfinite(np.asarray(train.norm))
+    there = np.isfinite(np.asarray(data.norm))
+    return Split(train, data, is_train & there, there & ~is_train, held)
