@@ -136,7 +136,7 @@ def _refine(
         found = look(_move(best, damping, low, high))
         good = jnp.all(jnp.isfinite(found.slope)) & (found.value < best.value)
         best = jax.tree.map(lambda a, b: jnp.where(good, a, b), found, best)
-        return (best, jnp.clip(jnp.where(good, damping / 4, damping * 3), 1e-8, 1e8)), best.value
+        return (best, jnp.clip(jnp.where(good, damping / 5, damping * 10), 1e-8, 1e8)), best.value
 
     def from_start(at: Array) -> tuple[Point, Array]:
         (best, _), path = jax.lax.scan(one, (look(at), jnp.asarray(1e-2)), None, length=steps - 1)

@@ -129,7 +129,7 @@ def test_tuning_never_returns_worse():
 
 def test_bounds_are_kept_and_named():
     bounds = {"Kp": (0.4, 0.6), "Ki": (0.1, 0.2), "Kd": (0.4, 0.5), "N": (5.0, 6.0)}
-    found = tune(Problem(thesis_loop(), SINE), TuneOptions(search=QUICK, steps=6, bounds=bounds))
+    found = tune(Problem(thesis_loop(), SINE), TuneOptions(search=QUICK, steps=12, bounds=bounds))
     for name, (low, high) in bounds.items():
         assert low - 1e-12 <= found.gains[name] <= high + 1e-12
     assert found.at_bound
