@@ -17,6 +17,8 @@ def add_commands(places: Any) -> None:
     _diagnose(places)
     _predict(places)
     _fleet(places)
+    _loop(places)
+    _tune(places)
     _demo(places)
 
 
@@ -128,6 +130,68 @@ def _fleet(places: Any) -> None:
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write")
     parser.add_argument("--model", choices=MODELS, help="default: as the files say, or by their columns")
     _roles(parser)
+
+
+def _closed_loop(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--plant", metavar="P", required=True, help="thesis (the plant (4.4)), plant, aaa, or a model.json of a fit"
+    )
+    parser.add_argument(
+        "--reference",
+        metavar="R",
+        required=True,
+        help="sine, square, triangle, sawtooth, stair, multilevel, sweep, step_difference, minimum_jerk, or a CSV file "
+        "with time_s,reference_deg",
+    )
+    parser.add_argument("--amplitude", metavar="DEG", type=float, help="of the reference (default: 25)")
+    parser.add_argument("--frequency", metavar="HZ", type=float, help="default: that of the thesis's Table 4.16")
+    parser.add_argument("--duration", metavar="S", type=float, help="default: that of the thesis's Table 4.16")
+    parser.add_argument("--dt", metavar="S", type=float, help="sampling period (default: 0.02, or that of the file)")
+    parser.add_argument("--radius", metavar="M", type=float, help="of the pulley (default: 0.015)")
+
+
+def _loop(places: Any) -> None:
+    parser = _command(
+        places,
+        "loop",
+        ("loop", "run_loop"),
+        "close the loop: a PID for each muscle, a plant, a reference",
+        "Writes time_s, reference_deg, angle_deg and both voltages, and says how well it follows and whether it is "
+        "stable.",
+    )
+    parser.add_argument(
+        "--gains", metavar="G", default="thesis", help="thesis (Table 3.7, the default) or a gains.toml with Kp Ki Kd N"
+    )
+    _closed_loop(parser)
+    parser.add_argument("--seed", metavar="N", type=int, default=211, help="of the multilevel reference")
+    parser.add_argument("--out", metavar="FILE", required=True, help="CSV to write")
+
+
+def _tune(places: Any) -> None:
+    parser = _command(
+        places,
+        "tune",
+        ("tune", "run_tune"),
+        "tune the gains of a loop for a reference, by differentiating through it",
+        "Never worse than the gains it starts from. Writes gains.toml, loop.csv, figures and report.html.",
+    )
+    parser.add_argument("--gains", metavar="G", default="thesis", help="where to start: thesis, or a gains.toml")
+    _closed_loop(parser)
+    parser.add_argument(
+        "--spread", metavar="SHARE", type=float, help="tune for many plants whose parameters differ by this share"
+    )
+    parser.add_argument("--plants", metavar="N", type=int, default=64, help="how many, with --spread (%(default)s)")
+    parser.add_argument(
+        "--effort", metavar="DEG", type=float, default=0.0, help="weight of 1 V² of mean effort, in degrees"
+    )
+    parser.add_argument("--hottest", metavar="DEGC", type=float, help="keep the temperature below this")
+    parser.add_argument(
+        "--sensitivity", metavar="MS", type=float, help="keep the sensitivity peak below this, such as 2"
+    )
+    parser.add_argument(
+        "--seed", metavar="N", type=int, default=211, help="of the multilevel reference and of the plants"
+    )
+    parser.add_argument("--out", metavar="DIR", required=True, help="folder to write")
 
 
 def _demo(places: Any) -> None:
