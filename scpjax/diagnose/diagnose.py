@@ -41,7 +41,7 @@ class DiagnoseOptions:
     order: int = 2
     substeps: int | None = None
     bin: int | None = None
-    max_steps: int = 25
+    max_steps: int = 40
 
 
 def diagnose(

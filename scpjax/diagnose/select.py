@@ -9,12 +9,19 @@ import numpy as np
 
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
-from scpjax.diagnose.trials import State, candidates, moving_parameters, residual_on, trials_with, two_stages, without
+from scpjax.diagnose.trials import (
+    State,
+    candidates,
+    fit_promising,
+    moving_parameters,
+    residual_on,
+    trials_with,
+    without,
+)
 from scpjax.fit.colour import Whitener
 from scpjax.fit.fit import refine
-from scpjax.fit.problem import CEILING, Trial
+from scpjax.fit.problem import Trial
 from scpjax.fit.setup import Setup
-from scpjax.fit.solve import binned_of
 from scpjax.physics.mechanism import Mechanism
 
 Progress = Callable[[str, float], None]
@@ -79,7 +86,7 @@ def compare(before: State, after: State, added: str, law: str, split: Split, rul
 def try_all(
     setup: Setup, state: State, split: Split, rules: Evidence, *, width: int, max_steps: int
 ) -> list[Comparison]:
-    """Every mechanism not yet in, each from all its laws and starts, in one compiled call; best law of each.
+    """Every mechanism not yet in: all its laws and starts screened, what promises something fitted; best law of each.
 
     The best law is the one with evidence for it: a wider one fits the training part better and may predict worse.
     """
@@ -93,21 +100,18 @@ def try_all(
             trials.append(trial)
     if not trials:
         return []
-    solved, cost = two_stages(setup, split, trials, [(m.name, law) for m, law in labels], max_steps)
-    residuals = binned_of(solved, split.whole, setup.space)
-    # a trial that blew up (its residuals are cut off) explains nothing
-    wild = np.any(np.abs(residuals) >= CEILING, axis=(1, 2, 3))
-    residuals[wild] = 10.0 * state.residual
+    fitted = fit_promising(setup, state, split, trials, [(m.name, law) for m, law in labels], max_steps)
     out = []
-    for name in dict.fromkeys(m.name for m, _ in labels):
-        laws = []
-        for law in dict.fromkeys(law for m, law in labels if m.name == name):
-            i = min((i for i, (m, k) in enumerate(labels) if m.name == name and k == law), key=lambda i: cost[i])
-            m = labels[i][0]
-            after = State((*state.names, name), solved[i], residuals[i], float(cost[i]))
-            extra = sum(not p.fixed for p in m.parameters)
-            laws.append(compare(state, after, name, m.laws[law], split, rules, extra))
-        out.append(max(laws, key=lambda c: (c.accepted, c.delta_bic)))
+    for m in dict.fromkeys(m for m, _ in labels):
+        extra = sum(not p.fixed for p in m.parameters)
+        laws: dict[int, State] = {}
+        for i, (other, law) in enumerate(labels):
+            if other is m and i in fitted and (law not in laws or fitted[i].cost < laws[law].cost):
+                laws[law] = fitted[i]
+        # no start of it promised anything: as it was, for more parameters
+        laws = laws or {0: State((*state.names, m.name), state.trial, state.residual, state.cost)}
+        found = [compare(state, after, m.name, m.laws[law], split, rules, extra) for law, after in laws.items()]
+        out.append(max(found, key=lambda c: (c.accepted, c.delta_bic)))
     return sorted(out, key=lambda c: -c.delta_bic)
 
 
@@ -153,7 +157,7 @@ def choose(
     rules: Evidence,
     *,
     width: int,
-    max_steps: int = 25,
+    max_steps: int = 40,
     progress: Progress | None = None,
 ) -> Choice:
     """Forward selection with pruning, from the base hypothesis."""

@@ -10,9 +10,9 @@ import numpy as np
 from scpjax.diagnose.holdout import Split
 from scpjax.fit.data import Data
 from scpjax.fit.fit import refine
-from scpjax.fit.problem import Trial
+from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.setup import Setup
-from scpjax.fit.solve import binned_of, solve_all
+from scpjax.fit.solve import ABREAST, batches, binned_of, evaluate, solve_all, stack
 from scpjax.physics.mechanism import Mechanism
 
 
@@ -82,28 +82,56 @@ def residual_on(trial: Trial, data: Data, setup: Setup) -> np.ndarray:
     return binned_of([trial], data, setup.space)[0]
 
 
-_SECOND = 4  # mechanisms that may go on from two starts
+_BEHIND = 0.02  # of the leader's promise, less than which a start is not worth going on from
 
 
-_SCREEN = 12  # steps after which a start that is behind is left behind; the first few may all be too bold
+def screen(setup: Setup, state: State, split: Split, trials: Sequence[Trial]) -> np.ndarray:
+    """What each trial promises: fall of the sum of squares (trials,), by a score test along its own effect.
+
+    With ``d`` what a mechanism at its start changes and ``r`` the residuals, both after all that the parameters of the
+    present hypothesis can imitate is taken out of them (by its Jacobian), an effect ``alpha`` times as strong would
+    take (d r)^2 / d^2 away if the simulation were linear in it. An effect of the wrong sign promises nothing.
+    """
+    here = evaluate(stack([state.trial]), split.train, setup.space)
+    residual, jacobian = np.asarray(here.residual[0]), np.asarray(here.jacobian[0])
+    imitated, _ = np.linalg.qr(jacobian[:, np.any(jacobian != 0, axis=0)])
+    clean = lambda x: x - (x @ imitated) @ imitated.T  # noqa: E731
+    parts = [np.asarray(evaluate(stack(part), split.train, setup.space).residual) for part in batches(trials)]
+    changed = clean(np.concatenate(parts)[: len(trials)] - residual)
+    along = -changed @ clean(residual)
+    size = np.sum(changed**2, axis=1)
+    gain = np.where((along > 0) & (size > 0), along**2 / np.where(size > 0, size, 1.0), 0.0)
+    return np.where(np.isfinite(gain), gain, 0.0)
 
 
-def two_stages(
-    setup: Setup, split: Split, trials: Sequence[Trial], labels: Sequence[tuple[str, int]], max_steps: int
-) -> tuple[list[Trial], np.ndarray]:
-    """A few steps for all; then on with the best start of every law, and the second best of leading mechanisms."""
-    solved, cost = solve_all(trials, split.train, setup.space, max_steps=_SCREEN)
-    order = [int(i) for i in np.argsort(cost)]
-    first = dict.fromkeys(labels[i] for i in order)
-    chosen = [next(i for i in order if labels[i] == label) for label in first]
-    for name in list(dict.fromkeys(labels[i][0] for i in order))[:_SECOND]:
-        second = [i for i in order if labels[i][0] == name][1:2]
-        chosen += [i for i in second if i not in chosen]
-    better, lower = solve_all([solved[i] for i in chosen], split.train, setup.space, max_steps=max_steps)
-    for i, trial, c in zip(chosen, better, lower, strict=True):
-        if c <= cost[i]:
-            solved[i], cost[i] = trial, c
-    return solved, cost
+def promising(gain: np.ndarray, labels: Sequence[tuple[str, int]]) -> list[int]:
+    """Which trials to fit: the best start of every law of a mechanism, then second ones; none that is far behind the
+    leader, but whole batches, which cost no more.
+    """
+    order = [int(i) for i in np.argsort(-gain)]
+    first = [next(i for i in order if labels[i] == label) for label in dict.fromkeys(labels[i] for i in order)]
+    queue = first + [i for i in order if i not in first]
+    worth = sum(bool(gain[i] >= _BEHIND * gain[order[0]]) for i in queue)
+    queue.sort(key=lambda i: gain[i] < _BEHIND * gain[order[0]])  # stable
+    return queue[: max(-(-worth // ABREAST), 1) * ABREAST]
+
+
+def fit_promising(
+    setup: Setup,
+    state: State,
+    split: Split,
+    trials: Sequence[Trial],
+    labels: Sequence[tuple[str, int]],
+    max_steps: int,
+) -> dict[int, State]:
+    """By trial, the hypotheses with one mechanism more that were worth fitting."""
+    chosen = promising(screen(setup, state, split, trials), labels)
+    solved, cost = solve_all([trials[i] for i in chosen], split.train, setup.space, max_steps=max_steps)
+    residuals = binned_of(solved, split.whole, setup.space)
+    # a trial that blew up (its residuals are cut off) explains nothing
+    residuals[np.any(np.abs(residuals) >= CEILING, axis=(1, 2, 3))] = 10.0 * state.residual
+    names = [(*state.names, labels[i][0]) for i in chosen]
+    return {i: State(n, t, r, float(c)) for i, n, t, r, c in zip(chosen, names, solved, residuals, cost, strict=True)}
 
 
 def without(setup: Setup, state: State, name: str, split: Split, width: int) -> State:
