@@ -77,6 +77,8 @@ class Problem(eqx.Module):
             loop = eqx.tree_at(lambda m: (m.plant, m.controller), self.loop, (plant, controller))
             return run(loop, reference, dt=self.dt, disturbance=self.disturbance)
 
+        if self.plants is None and self.references.shape[0] == 1:  # one axis less to carry through the scan
+            return jax.tree.map(lambda x: x[None], one(self.loop.plant, self.references[0]))
         over = jax.vmap(one, in_axes=(None, 0))
         if self.plants is None:
             return over(self.loop.plant, self.references)

@@ -8,6 +8,7 @@ from loop_cases import DEG, PLANT, run_jit, signal, thesis_loop
 from scipy.integrate import solve_ivp
 from scipy.signal import cont2discrete
 
+from scpjax.control.batch import batched
 from scpjax.control.errors import ControlError
 from scpjax.control.loop import Disturbance, Loop, run
 from scpjax.control.pid import PID, Pair, thesis_pair
@@ -185,3 +186,15 @@ def test_wrong_shapes_and_numbers_are_refused():
     for options, said in (({"noise": -1.0}, "noise"), ({"delay": -1}, "delay"), ({"every": 0}, "every 0")):
         with pytest.raises(ControlError, match=said):
             Sensor(**options)
+
+
+def test_pieces_on_threads_are_the_loops_one_by_one():
+    reference = signal("sine", duration=4.0)
+    rmse = lambda kp: jnp.mean(  # noqa: E731
+        run(Loop(thesis_loop().plant, Pair(PID.per_degree(kp, 0.1, 0.3, 6.0))), reference).error ** 2
+    )
+    gains = np.linspace(0.1, 2.0, 23)
+    found = batched(rmse, size=8, threads=2)(gains)
+    np.testing.assert_allclose(found, jax.vmap(rmse)(jnp.asarray(gains)), rtol=1e-12)
+    with pytest.raises(ControlError, match="leading axes"):
+        batched(lambda a, b: a + b)(np.zeros(3), np.zeros(4))
