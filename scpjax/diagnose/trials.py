@@ -82,7 +82,9 @@ def residual_on(trial: Trial, data: Data, setup: Setup) -> np.ndarray:
     return binned_of([trial], data, setup.space)[0]
 
 
-_BEHIND = 0.02  # of the leader's promise, less than which a start is not worth going on from
+_BEHIND, _LITTLE = 0.02, 2.0  # of the leader's promise, and in all, less than which a start is not worth going on from
+_FEW, _NEARLY = 12, 0.2  # steps of all; of the leader's gain after them, with less than which one is left there
+_TOLERANCE = 0.02  # half the fall of the sum of squares in one step with which a trial has come to rest
 
 
 def screen(setup: Setup, state: State, split: Split, trials: Sequence[Trial]) -> np.ndarray:
@@ -111,8 +113,9 @@ def promising(gain: np.ndarray, labels: Sequence[tuple[str, int]]) -> list[int]:
     order = [int(i) for i in np.argsort(-gain)]
     first = [next(i for i in order if labels[i] == label) for label in dict.fromkeys(labels[i] for i in order)]
     queue = first + [i for i in order if i not in first]
-    worth = sum(bool(gain[i] >= _BEHIND * gain[order[0]]) for i in queue)
-    queue.sort(key=lambda i: gain[i] < _BEHIND * gain[order[0]])  # stable
+    least = max(_BEHIND * gain[order[0]], _LITTLE)
+    worth = int(np.sum(gain >= least))
+    queue.sort(key=lambda i: bool(gain[i] < least))  # stable
     return queue[: max(-(-worth // ABREAST), 1) * ABREAST]
 
 
@@ -126,12 +129,28 @@ def fit_promising(
 ) -> dict[int, State]:
     """By trial, the hypotheses with one mechanism more that were worth fitting."""
     chosen = promising(screen(setup, state, split, trials), labels)
-    solved, cost = solve_all([trials[i] for i in chosen], split.train, setup.space, max_steps=max_steps)
+    solved, cost = _fit_leading(setup, split, [trials[i] for i in chosen], state.cost, max_steps)
     residuals = binned_of(solved, split.whole, setup.space)
     # a trial that blew up (its residuals are cut off) explains nothing
     residuals[np.any(np.abs(residuals) >= CEILING, axis=(1, 2, 3))] = 10.0 * state.residual
     names = [(*state.names, labels[i][0]) for i in chosen]
     return {i: State(n, t, r, float(c)) for i, n, t, r, c in zip(chosen, names, solved, residuals, cost, strict=True)}
+
+
+def _fit_leading(
+    setup: Setup, split: Split, trials: Sequence[Trial], before: float, max_steps: int
+) -> tuple[list[Trial], np.ndarray]:
+    """(trials, costs) after a few steps of all; those that lead by then, or nearly, come to rest."""
+    fit = lambda these, steps: solve_all(  # noqa: E731
+        these, split.train, setup.space, max_steps=steps, tolerance=_TOLERANCE
+    )
+    solved, cost, rest = fit(trials, _FEW)
+    leading = [i for i in range(len(trials)) if not rest[i] and before - cost[i] > _NEARLY * (before - np.min(cost))]
+    if leading and max_steps > _FEW:
+        better, lower, _ = fit([solved[i] for i in leading], max_steps - _FEW)
+        for i, trial, c in zip(leading, better, lower, strict=True):
+            solved[i], cost[i] = trial, c
+    return solved, cost
 
 
 def without(setup: Setup, state: State, name: str, split: Split, width: int) -> State:

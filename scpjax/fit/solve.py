@@ -40,8 +40,8 @@ class _CostStop(optx.LevenbergMarquardt):
 
     limit: Array
 
-    def __init__(self, tolerance: float, limit: Array):
-        super().__init__(rtol=1e-6, atol=tolerance)
+    def __init__(self, tolerance: float | Array, limit: Array):
+        super().__init__(rtol=1e-6, atol=tolerance)  # pyright: ignore[reportArgumentType]  # traced, so as not to compile again
         self.limit = limit
 
     def step(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> Any:
@@ -86,7 +86,7 @@ def solve_one(
     space: Space,
     *,
     max_steps: int | Array = 40,
-    tolerance: float = 1e-3,
+    tolerance: float | Array = 1e-3,
     robust: float = 0.0,
 ) -> Solution:
     """Levenberg-Marquardt from one start, forward sensitivities (as many as entries move).
@@ -134,11 +134,11 @@ def solve(
     robust: float = 0.0,
 ) -> Solution:
     """All trials (leading axis) abreast on the same data, in one compiled call."""
-    return _solve(trials, data, space, jnp.asarray(max_steps), tolerance, robust)
+    return _solve(trials, data, space, jnp.asarray(max_steps), jnp.asarray(tolerance), robust)
 
 
 @eqx.filter_jit
-def _solve(trials: Trial, data: Data, space: Space, max_steps: Array, tolerance: float, robust: float) -> Solution:
+def _solve(trials: Trial, data: Data, space: Space, max_steps: Array, tolerance: Array, robust: float) -> Solution:
     def one(trial: Trial) -> Solution:
         return solve_one(trial, data, space, max_steps=max_steps, tolerance=tolerance, robust=robust)
 
@@ -155,12 +155,12 @@ def solve_fleet(
     robust: float = 0.0,
 ) -> Solution:
     """One trial for each actuator of a fleet, each on its own data, abreast; all arguments have a leading axis."""
-    return _solve_fleet(trials, data, spaces, jnp.asarray(max_steps), tolerance, robust)
+    return _solve_fleet(trials, data, spaces, jnp.asarray(max_steps), jnp.asarray(tolerance), robust)
 
 
 @eqx.filter_jit
 def _solve_fleet(
-    trials: Trial, data: Data, spaces: Space, max_steps: Array, tolerance: float, robust: float
+    trials: Trial, data: Data, spaces: Space, max_steps: Array, tolerance: Array, robust: float
 ) -> Solution:
     def one(trial: Trial, mine: Data, space: Space) -> Solution:
         return solve_one(trial, mine, space, max_steps=max_steps, tolerance=tolerance, robust=robust)
@@ -179,19 +179,23 @@ def evaluate(trials: Trial, data: Data, space: Space) -> Solution:
     return solve(trials, data, space, max_steps=1)
 
 
-def solve_all(trials: Sequence[Trial], data: Data, space: Space, *, max_steps: int) -> tuple[list[Trial], np.ndarray]:
-    """(trials where they ended, costs (trials,), inf where none is finite): in equal batches."""
-
+def solve_all(
+    trials: Sequence[Trial], data: Data, space: Space, *, max_steps: int, tolerance: float = 1e-3
+) -> tuple[list[Trial], np.ndarray, np.ndarray]:
+    """(trials where they ended, costs (trials,), inf where none is finite, whether at rest there): equal batches."""
     done: list[Trial] = []
     costs: list[np.ndarray] = []
+    still: list[np.ndarray] = []
     for part in batches(trials):
         batch = stack(part)
-        found = solve(batch, data, space, max_steps=max_steps)
+        found = solve(batch, data, space, max_steps=max_steps, tolerance=tolerance)
         ended = eqx.tree_at(lambda t: t.free, batch, found.free)
         done += [pick(ended, i) for i in range(len(part))]
         costs.append(np.asarray(found.cost))
-    cost = np.concatenate(costs)[: len(trials)]
-    return done[: len(trials)], np.where(np.isfinite(cost), cost, np.inf)
+        still.append(np.asarray(found.converged))
+    n = len(trials)
+    cost, rest = np.concatenate(costs)[:n], np.concatenate(still)[:n]
+    return done[:n], np.where(np.isfinite(cost), cost, np.inf), rest
 
 
 def binned_of(trials: Sequence[Trial], data: Data, space: Space) -> np.ndarray:
