@@ -172,7 +172,7 @@ def robust(count: int) -> None:
             rmse = np.degrees(np.asarray(values(test, tuned)))
             tails.append(np.percentile(rmse, 95))
             print(
-                f"  square {degrees:2.0f} deg {name:12} median {np.median(rmse):6.2f}   95th percentile {tails[-1]:6.2f}"
+                f"  square {degrees:2.0f} deg {name:12} median {np.median(rmse):6.2f}  95th percentile {tails[-1]:6.2f}"
             )
         below = 100 * (1 - tails[2] / tails[1])
         print(f"  95th percentile {below:.1f} % below that of the nominal gains ({many.seconds:.0f} s)")

@@ -219,8 +219,8 @@ def _rest_position(plant: Plant, effort: Float[Array, " sides"]) -> float:
         sides = len(model.structure.sides)
         mine = effort[at : at + sides]
         seen = float(model.observe(operating_point(model, mine), mine)[-1])
-        if sides == 1 and isinstance(plant, Difference) and plant.opposing is not None:
-            seen = max(seen - float(plant.opposing / model.value("elastic_spring.stiffness")), 0.0)
+        slack = plant.slack(model) if isinstance(plant, Difference) else None
+        seen = seen if slack is None else max(seen - float(slack), 0.0)
         total += (-seen if k else seen) * (1.0 if sides == 2 else float(plant.scale()))
         at += sides
     return total

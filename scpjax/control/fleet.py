@@ -84,7 +84,8 @@ def _fleet(plant: Plant, models: list[Model]) -> Plant:
         raise ControlError(f"no fleet of {type(plant).__name__}", mend="use Difference or Joint")
 
     def one(agonist: Model, antagonist: Model | None) -> Difference:
-        return Difference(agonist, antagonist, radius=plant.radius, opposing=plant.opposing, substeps=plant.substeps)
+        same = {"radius": plant.radius, "opposing": plant.opposing, "stiffness": plant.stiffness}
+        return Difference(agonist, antagonist, **same, substeps=plant.substeps)
 
     if len(models) == 1:
         return jax.vmap(lambda m: one(m, None), axis_size=count)(models[0])

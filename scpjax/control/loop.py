@@ -104,6 +104,26 @@ def run(
     return Response(time, reference, angle, measured, stack(effort), stack(asked), stack(temperature))
 
 
+def play(plant: Plant, effort: Float[Array, "n sides"] | np.ndarray, *, dt: Any = 0.02) -> tuple[Array, Array]:
+    """Angle [rad] (n,) and temperatures [K] (n, sides) of a plant under efforts [V^2] from a table, without a loop.
+
+    As the thesis drove the real joint (section 4.4.4).
+
+    **Raises** `ControlError` for efforts that are not (n, sides).
+    """
+    given = jnp.asarray(effort)
+    if given.ndim != 2 or given.shape[1] != plant.sides:
+        raise ControlError(f"efforts {given.shape} for {plant.sides} sides", mend="give one column for each side")
+    ready = plant.prepare(dt)
+
+    def body(z: Any, u: Array) -> tuple[Any, tuple]:
+        seen = ready.read(z)
+        return ready.advance(z, tuple(u[i] for i in range(plant.sides)), 0.0), (seen.position, seen.temperature)
+
+    _, (angle, temperature) = jax.lax.scan(body, ready.initial, given)
+    return angle, jnp.stack(temperature, axis=-1)
+
+
 def start(plant: Prepared, controller: Controller, sensor: Sensor) -> tuple:
     """State of a loop at rest."""
     zero = jnp.zeros(())

@@ -66,7 +66,8 @@ class Difference(Plant):
     """Angle = (agonist's - antagonist's contraction) / radius, thesis Figure 3.12; without antagonist one alone.
 
     ``opposing`` [N] is the constant force of section 4.4.4 that extends each actuator by ``opposing / stiffness``:
-    contraction counts from there on, so that small drives move nothing. ``radius = None`` gives displacement in m.
+    contraction counts from there on, so that small drives move nothing. ``stiffness`` [N/m] is that under a hung
+    weight (Figure 4.8), the model's own when not given. ``radius = None`` gives displacement in m.
     A load [N] pulls at the agonist, against its contraction when negative.
 
     **Raises** `ControlError` for models with two sides or without a displacement and for a radius that is not positive.
@@ -76,6 +77,7 @@ class Difference(Plant):
     antagonist: Model | None
     radius: Array | None
     opposing: Array | None
+    stiffness: Array | None
     substeps: int = eqx.field(static=True)
 
     def __init__(
@@ -85,11 +87,13 @@ class Difference(Plant):
         *,
         radius: Any = 0.015,
         opposing: Any = None,
+        stiffness: Any = None,
         substeps: int = 1,
     ):
         self.agonist, self.antagonist = agonist, antagonist
         self.radius = None if radius is None else scalar(radius)
         self.opposing = None if opposing is None else scalar(opposing)
+        self.stiffness = None if stiffness is None else scalar(stiffness)
         self.substeps = substeps
 
     def __check_init__(self) -> None:
@@ -100,6 +104,8 @@ class Difference(Plant):
             check_number(self.radius, "the pulley radius", positive=True)
         if self.opposing is not None:
             check_number(self.opposing, "the opposing force", not_negative=True)
+        if self.stiffness is not None:
+            check_number(self.stiffness, "the stiffness", positive=True)
         _check_substeps(self.substeps)
 
     @property
@@ -112,11 +118,17 @@ class Difference(Plant):
     def scale(self) -> Array:
         return scalar(1.0) if self.radius is None else 1 / self.radius
 
+    def slack(self, model: Model) -> Array | None:
+        """Extension [m] of one actuator by the opposing force, None without one."""
+        if self.opposing is None:
+            return None
+        return self.opposing / (model.value("elastic_spring.stiffness") if self.stiffness is None else self.stiffness)
+
     def prepare(self, dt: Array | float) -> Prepared:
         models = self.models()
         scale = self.scale()
         steps = [model_step(m, dt, self.substeps) for m in models]
-        reads = [_reader(m, None if self.opposing is None else self.opposing / _stiffness(m)) for m in models]
+        reads = [_reader(m, self.slack(m)) for m in models]
 
         def advance(z: Any, effort: tuple[Array, ...], load: Array | float) -> Any:
             loads = (load, 0.0)
@@ -281,10 +293,6 @@ def _reader(model: Model, slack: Array | None) -> Callable[[States], Reading]:
 def _velocity(model: Model) -> int | None:
     names = model.structure.state_names
     return names.index("velocity") if "velocity" in names else None
-
-
-def _stiffness(model: Model) -> Array:
-    return model.value("elastic_spring.stiffness")
 
 
 def _check_substeps(substeps: int) -> None:
