@@ -30,7 +30,7 @@ from scpjax.control.search import SearchOptions, search
 @dataclass(frozen=True, kw_only=True)
 class TuneOptions:
     """``free`` names what is tuned and its ``bounds``; after the ``search`` the best ``refined`` points go on for
-    ``steps`` steps with derivatives. With the defaults 1222 loops at most, tangents counted as loops.
+    ``steps`` steps with derivatives. With the defaults 1158 loops at most, tangents counted as loops.
     """
 
     free: tuple[str, ...] = ("Kp", "Ki", "Kd", "N")
@@ -47,8 +47,8 @@ class TuneOptions:
             low, high = self.bounds.get(name, (math.nan, math.nan))
             if not 0 < low < high < math.inf:
                 raise ControlError(f"{name} cannot be tuned between {low:g} and {high:g}", mend="give 0 < low < high")
-        if self.refined < 1 or self.steps < 1:
-            raise ControlError(f"{self.refined} points refined in {self.steps} steps", mend="give at least 1 of each")
+        if self.refined < 0 or self.steps < 1:
+            raise ControlError(f"{self.refined} points refined in {self.steps} steps", mend="give 0 points or more")
 
 
 class Point(NamedTuple):
@@ -129,17 +129,19 @@ def _refine(
     problem: Problem, free: tuple[str, ...], starts: Float[Array, "k p"], low: Array, high: Array, steps: int
 ) -> tuple[Point, Float[Array, "steps k"]]:
     """``steps`` steps from each start; an evaluation each."""
-    look = lambda at: point_at(problem, free, at)  # noqa: E731
 
     def one(carry: tuple[Point, Scalar], _: None) -> tuple[tuple[Point, Scalar], Scalar]:
         best, damping = carry
-        found = look(_move(best, damping, low, high))
+        found = point_at(problem, free, _move(best, damping, low, high))
         good = jnp.all(jnp.isfinite(found.slope)) & (found.value < best.value)
+        better = jnp.where(jnp.isinf(best.value), damping, damping / 5)
         best = jax.tree.map(lambda a, b: jnp.where(good, a, b), found, best)
-        return (best, jnp.clip(jnp.where(good, damping / 5, damping * 10), 1e-8, 1e8)), best.value
+        return (best, jnp.clip(jnp.where(good, better, damping * 10), 1e-8, 1e8)), best.value
 
     def from_start(at: Array) -> tuple[Point, Array]:
-        (best, _), path = jax.lax.scan(one, (look(at), jnp.asarray(1e-2)), None, length=steps - 1)
+        # nothing is known yet: a slope of zero makes the first step stay, and anything is better than infinity
+        nothing = Point(at, jnp.asarray(jnp.inf), jnp.zeros_like(at), jnp.eye(at.shape[0]))
+        (best, _), path = jax.lax.scan(one, (nothing, jnp.asarray(1e-2)), None, length=steps)
         return best, path
 
     point, path = jax.vmap(from_start)(starts)
@@ -185,16 +187,19 @@ def tune(problem: Problem, options: TuneOptions | None = None) -> Tuned:
     niches, path = search(count, mine, low, high, replace(o.search, seed=o.search.seed + o.seed))
     if not np.isfinite(path[-1]):
         raise ControlError("the objective is finite for none of the starts", mend="check the plant and the bounds")
-    starts = np.stack([n.points[np.argmin(n.values)] for n in niches[: o.refined]])
-    point, steps = _refine(problem, o.free, jnp.asarray(starts), jnp.asarray(low), jnp.asarray(high), o.steps)
-    found = np.where(np.isfinite(point.value), point.value, np.inf)
-    best, i = niches[0], int(np.argmin(found))
-    at, value = (np.asarray(point.at)[i], found[i]) if found[i] <= best.best else (starts[0], best.best)
+    starts = np.stack([n.points[np.argmin(n.values)] for n in niches[: max(o.refined, 1)]])
+    at, value, refined = starts[0], niches[0].best, 0
+    if o.refined:
+        point, steps = _refine(problem, o.free, jnp.asarray(starts), jnp.asarray(low), jnp.asarray(high), o.steps)
+        path += np.minimum(np.min(steps, axis=1), path[-1]).tolist()
+        found, refined = np.where(np.isfinite(point.value), point.value, np.inf), len(starts) * o.steps
+        if found.min() <= value:
+            at, value = np.asarray(point.at)[int(np.argmin(found))], found.min()
     better = bool(value < before)
     controller = with_gains(problem.loop.controller, dict(zip(o.free, np.exp(at).tolist(), strict=True)))
     controller = controller if better else problem.loop.controller
     edge = (np.abs(at - low) < 1e-6) | (np.abs(at - high) < 1e-6)
-    runs = 1 + count.points + len(starts) * o.steps * (1 + len(o.free))
+    runs = 1 + count.points + refined * (1 + len(o.free))
     return Tuned(
         controller=controller,
         gains=gains_of(controller),
@@ -203,7 +208,7 @@ def tune(problem: Problem, options: TuneOptions | None = None) -> Tuned:
         before=before,
         loops=runs * problem.loops,
         seconds=clock.perf_counter() - began,
-        path=np.concatenate([path, np.minimum(np.min(steps, axis=1), path[-1])]),
+        path=np.array(path),
         at_bound=tuple(n for n, e in zip(o.free, edge, strict=True) if e and better),
     )
 

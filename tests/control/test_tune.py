@@ -160,7 +160,7 @@ def test_fleet_values_are_those_of_each_plant():
 
 def test_robust_tuning_helps_the_tail_of_other_plants():
     reference = signal("square", 25.0, duration=40.0, dt=0.04)
-    options = TuneOptions(search=SearchOptions(screened=128, rounds=(Round(4, 8, 3),)), refined=1, steps=1)
+    options = TuneOptions(search=SearchOptions(screened=128, rounds=(Round(4, 8, 3),)), refined=0)
     nominal = Problem(thesis_loop(), reference, dt=0.04)
     sharp = tune(nominal, options)
     start = Loop(nominal.loop.plant, sharp.controller)
