@@ -27,8 +27,13 @@ BOUNDS: Mapping[str, tuple[float, float]] = {
 }
 """Gains per degree (V^2) and filter coefficient [rad/s] between which a tuning searches."""
 
-EXTRA: Mapping[str, tuple[float, float]] = {"tracking": (1e-2, 1e2), "reference_weight": (1e-2, 1.0)}
-"""What else of a PID can be tuned: the rate of back-calculation [1/s] and the P term's share of the reference."""
+EXTRA: Mapping[str, tuple[float, float]] = {
+    "tracking": (1e-2, 1e2),
+    "reference_weight": (1e-2, 1.0),
+    "feedforward": (1e-2, 2.0),
+}
+"""What else can be tuned: the rate of back-calculation [1/s], the P term's share of the reference, and the share of
+the feedforward where the controller has one."""
 
 
 class Problem(eqx.Module):
@@ -114,8 +119,10 @@ class Problem(eqx.Module):
 def gains_of(controller: Controller) -> dict[str, float]:
     """Kp, Ki, Kd (V^2 per degree), N and what else can be tuned, of a PID or of a pair's agonist."""
     pid = _agonist(controller)
-    extra = {name: float(getattr(pid, name)) for name in EXTRA}
-    return {k: float(v) for k, v in pid.gains.items()} | extra
+    extra = {"tracking": pid.tracking, "reference_weight": pid.reference_weight}
+    if hasattr(controller, "share"):
+        extra["feedforward"] = controller.share
+    return {k: float(v) for k, v in (*pid.gains.items(), *extra.items())}
 
 
 def with_gains(controller: Controller, values: Mapping[str, Any]) -> Controller:
@@ -125,6 +132,9 @@ def with_gains(controller: Controller, values: Mapping[str, Any]) -> Controller:
     """
     pid = _agonist(controller)
     for name, value in values.items():
+        if name == "feedforward" and hasattr(controller, "share"):
+            controller = eqx.tree_at(lambda c: c.share, controller, jnp.asarray(value))
+            continue
         if name not in _FIELDS:
             raise ControlError(f"no gain {name!r}", mend=f"use {', '.join(_FIELDS)}")
         place, unit = _FIELDS[name]

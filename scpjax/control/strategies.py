@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 from scpjax.control.analysis import pid_transfer, side_systems
 from scpjax.control.block import Block, sampled
-from scpjax.control.controller import Command, Controller, Scalar, check_number
+from scpjax.control.controller import Command, Controller, Scalar, check_number, scalar
 from scpjax.control.errors import ControlError
 from scpjax.control.loop import Loop
 from scpjax.control.pid import PID, Pair, PIDState
@@ -96,10 +96,11 @@ def _with_share(pid: PID, share: Scalar) -> PID:
 
 
 class FeedforwardPair(Controller):
-    """Adds what the inverse of the plant asks for to both commands, before their limits (thesis 3.4.2)."""
+    """Adds a ``share`` of what the inverse of the plant asks for to both commands, before their limits (3.4.2)."""
 
     pair: Pair
     inverse: Block
+    share: Array = eqx.field(converter=scalar, default=1.0)
 
     @property
     def sides(self) -> int:
@@ -113,7 +114,7 @@ class FeedforwardPair(Controller):
     ) -> tuple[tuple[Pairs, Array], Command]:
         inner, memory = state
         memory, feed = self.inverse.step(memory, reference)
-        inner, command = self.pair.step(inner, measurement, reference, dt, feed)
+        inner, command = self.pair.step(inner, measurement, reference, dt, self.share * feed)
         return (inner, memory), command
 
 

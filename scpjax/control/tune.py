@@ -180,6 +180,9 @@ def tune(problem: Problem, options: TuneOptions | None = None) -> Tuned:
     o = TuneOptions() if options is None else options
     began = clock.perf_counter()
     given = gains_of(problem.loop.controller)
+    for name in o.free:
+        if name not in given:
+            raise ControlError(f"the controller has no {name}", mend=f"it has {', '.join(given)}")
     low, high = (np.log([o.bounds[n][i] for n in o.free]) for i in (0, 1))
     mine = np.log([max(abs(given[n]), 1e-12) for n in o.free])
     before = float(_given_value(problem))
