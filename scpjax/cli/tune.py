@@ -15,6 +15,7 @@ from scpjax.control.fleet import spread_plants
 from scpjax.control.gains import save_gains
 from scpjax.control.loop import Loop, run
 from scpjax.control.objective import Effort, Objective, PeakTemperature, Robustness, Term, Tracking
+from scpjax.control.plant import Plant
 from scpjax.control.problem import Problem
 from scpjax.control.tune import Tuned, TuneOptions, tune
 from scpjax.control.verdict import judge
@@ -99,7 +100,7 @@ def _objective(arguments: Namespace) -> Objective:
     return Objective(*terms, over="mean" if arguments.spread is None else "cvar")
 
 
-def _fleet(arguments: Namespace, plant):
+def _fleet(arguments: Namespace, plant: Plant) -> Plant:
     if not 0 < arguments.spread < 1:
         raise ControlError(f"a spread of {arguments.spread:g}", where="--spread", mend="give a share, such as 0.2")
     return spread_plants(plant, arguments.spread, arguments.plants, seed=arguments.seed)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ from jaxtyping import Array, Complex, Float
 from scpjax.control.controller import Controller, Scalar
 from scpjax.control.errors import ControlError
 from scpjax.control.loop import Loop
-from scpjax.control.metrics import StepFigures
+from scpjax.control.metrics import StepFigures, figures_of
 from scpjax.control.pid import PID, Pair
 from scpjax.control.plant import Difference, Plant, model_step
 from scpjax.control.state_space import minimal_polynomials
@@ -113,7 +113,8 @@ def closed_loop(loop: Loop, effort: Float[Array, " sides"] | None = None) -> con
     """Closed loop, reference to angle, thesis (4.15)."""
     import control
 
-    return control.feedback(open_loop(loop, effort), 1)
+    closed: Any = control.feedback(open_loop(loop, effort), 1)
+    return closed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,7 +147,7 @@ def figures(loop: Loop, effort: Float[Array, " sides"] | None = None) -> LoopFig
     import control
 
     open_, closed = _minimal(open_loop(loop, effort)), _minimal(closed_loop(loop, effort))
-    poles = np.asarray(closed.poles())
+    poles = np.asarray(closed.poles(), dtype=np.complex128)
     stable = bool(np.all(poles.real < 0))
     gain, phase, *_ = control.margin(open_)
     if not stable:
@@ -155,13 +156,7 @@ def figures(loop: Loop, effort: Float[Array, " sides"] | None = None) -> LoopFig
             stable=False, gain_margin=float(gain), phase_margin=math.radians(float(phase)), bandwidth=bad,
             sensitivity=bad, step=None, poles=poles,
         )  # fmt: skip
-    info = control.step_info(closed)
-    step = StepFigures(
-        rise=float(info["RiseTime"]),
-        settling=float(info["SettlingTime"]),
-        overshoot=float(info["Overshoot"]) / 100,
-        final=float(info["SteadyStateValue"]),
-    )
+    step = figures_of(control.step_info(closed))
     return LoopFigures(
         stable=True,
         gain_margin=float(gain),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -44,9 +44,10 @@ def sampled(system: control.lti.LTI, dt: float, method: Literal["tustin", "zoh"]
         raise ControlError(f"{system.ninputs} inputs and {system.noutputs} outputs", mend="give one of each")
     if isinstance(system, control.TransferFunction) and len(system.num[0][0]) > len(system.den[0][0]):
         raise ControlError("more zeros than poles: it cannot be run", mend="put a low-pass behind it")
-    if np.any(np.asarray(system.poles()).real > 0):
+    whole: Any = system
+    if np.any(np.asarray(whole.poles(), dtype=np.complex128).real > 0):
         raise ControlError("the filter is unstable", mend="it needs poles on the left")
-    space = control.ss(system) if isinstance(system, control.StateSpace) else control.tf2ss(system)
+    space: Any = control.ss(whole)
     balanced = _scaled(space)
     found = control.sample_system(balanced, dt, "bilinear" if method == "tustin" else "zoh")
     a, b, c, d = (jnp.asarray(np.asarray(m, float)) for m in (found.A, found.B, found.C, found.D))
@@ -62,4 +63,4 @@ def _scaled(system: control.StateSpace) -> control.StateSpace:
     inverse = 1 / scale
     b = np.asarray(system.B)[order] * inverse[:, None] if len(order) else np.asarray(system.B)
     c = np.asarray(system.C)[:, order] * scale[None] if len(order) else np.asarray(system.C)
-    return control.ss(balanced, b, c, system.D)
+    return control.StateSpace(balanced, b, c, system.D)

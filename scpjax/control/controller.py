@@ -13,6 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from scpjax.control.errors import ControlError
@@ -71,8 +72,7 @@ def known(value: Any) -> np.ndarray | None:
     """The value where it is known now, None inside a transformation."""
     return (
         None
-        if isinstance(value, jax.core.Tracer)
-        or not isinstance(value, int | float | np.ndarray | np.generic | jax.Array)
+        if isinstance(value, Tracer) or not isinstance(value, int | float | np.ndarray | np.generic | jax.Array)
         else np.asarray(value)
     )
 

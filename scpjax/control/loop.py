@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from scpjax.control.controller import Controller, to_voltage
@@ -160,7 +161,7 @@ def _body(plant: Prepared, controller: Controller, sensor: Sensor, dt: Any):
 
 def checked(values: Any, name: str) -> Float[Array, " n"]:
     """A signal as a vector of finite numbers. **Raises** `ControlError`."""
-    if isinstance(values, jax.core.Tracer):
+    if isinstance(values, Tracer):
         signal = values
     else:
         signal = np.asarray(values, float)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from jaxtyping import Array, Float
 
 from scpjax.control.errors import ControlError
 from scpjax.control.loop import Loop, Response
+from scpjax.physics.balances import Balances
 
 DEGREES = 180 / math.pi
 
@@ -146,7 +148,7 @@ def power(loop: Loop, response: Response) -> Float[Array, " n"]:
         balances, n = model.balances(), model.structure.n_states
         rest = jnp.zeros(n - sides)
 
-        def of(t: Array, u: Array, balances=balances, rest=rest) -> Array:
+        def of(t: Array, u: Array, balances: Balances = balances, rest: Array = rest) -> Array:
             return balances.heat_flows(list(jnp.concatenate([t, rest])), u)[0]
 
         total = total + jax.vmap(of)(warm, response.effort[:, columns])
@@ -179,12 +181,16 @@ def step_figures(
     end = float(y[-1]) if final is None else final
     if not np.all(np.isfinite(y)) or end == 0 or abs(y[-1] - end) > 0.2 * abs(end):
         raise ControlError("the response does not settle at its final value", mend="run it longer, or is it unstable?")
-    info = control.step_info(y, T=t, yfinal=end)
+    return figures_of(control.step_info(y, T=t, yfinal=end))
+
+
+def figures_of(info: Any) -> StepFigures:
+    """What python-control's `step_info` found."""
     return StepFigures(
         rise=float(info["RiseTime"]),
         settling=float(info["SettlingTime"]),
         overshoot=float(info["Overshoot"]) / 100,
-        final=end,
+        final=float(info["SteadyStateValue"]),
     )
 
 

@@ -95,7 +95,8 @@ class PID(Controller):
     @classmethod
     def per_degree(cls, kp: Any, ki: Any = 0.0, kd: Any = 0.0, n: Any = 10.0, **options: Any) -> PID:
         """Gains in V^2 per degree, per degree second and so on, as in Table 3.7."""
-        return cls(*(scalar(g) / DEGREE for g in (kp, ki, kd)), n, **options)
+        p, i, d = (scalar(g) / DEGREE for g in (kp, ki, kd))
+        return cls(p, i, d, n, **options)
 
     @property
     def sides(self) -> int:

@@ -10,6 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from scpjax.control.controller import Controller, Scalar, check_number, scalar
@@ -18,6 +19,7 @@ from scpjax.control.loop import Disturbance, Loop, Response, checked, run
 from scpjax.control.objective import Objective, StepSpecification
 from scpjax.control.pid import DEGREE, PID, Pair
 from scpjax.control.plant import Difference, Plant
+from scpjax.control.strategies import FeedforwardPair
 
 BOUNDS: Mapping[str, tuple[float, float]] = {
     "Kp": (math.exp(-4), math.exp(4)),
@@ -60,7 +62,7 @@ class Problem(eqx.Module):
         plants: Plant | None = None,
     ):
         """**Raises** `ControlError` for references that are no finite vectors of one length."""
-        if isinstance(references, jax.core.Tracer):
+        if isinstance(references, Tracer):
             rows = jnp.atleast_2d(references)
         else:
             given = np.atleast_2d(np.asarray(references, float))
@@ -120,7 +122,7 @@ def gains_of(controller: Controller) -> dict[str, float]:
     """Kp, Ki, Kd (V^2 per degree), N and what else can be tuned, of a PID or of a pair's agonist."""
     pid = _agonist(controller)
     extra = {"tracking": pid.tracking, "reference_weight": pid.reference_weight}
-    if hasattr(controller, "share"):
+    if isinstance(controller, FeedforwardPair):
         extra["feedforward"] = controller.share
     return {k: float(v) for k, v in (*pid.gains.items(), *extra.items())}
 
@@ -132,7 +134,7 @@ def with_gains(controller: Controller, values: Mapping[str, Any]) -> Controller:
     """
     pid = _agonist(controller)
     for name, value in values.items():
-        if name == "feedforward" and hasattr(controller, "share"):
+        if name == "feedforward" and isinstance(controller, FeedforwardPair):
             controller = eqx.tree_at(lambda c: c.share, controller, jnp.asarray(value))
             continue
         if name not in _FIELDS:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -76,7 +76,7 @@ class Reference:
 
     def _make(self, name: str, frequency: float, duration: float) -> Signal:
         a, dt = self.amplitude, self.dt
-        grid = {"duration_s": duration + dt, "period_s": dt}
+        grid: dict[str, Any] = {"duration_s": duration + dt, "period_s": dt}
         hold = 1 / frequency
         if name == "sine":
             return excitation.sine(**grid, amplitude=a, frequency_hz=frequency)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -69,8 +70,9 @@ def search(
     from scipy.stats import qmc
 
     rng = np.random.default_rng(options.seed)
-    draws = qmc.Sobol(len(low), seed=options.seed).random(options.screened) if options.screened else np.zeros((0, 4))
-    points = np.concatenate([np.clip(given, low, high)[None], low + (high - low) * draws[:, : len(low)]])
+    seeded: dict[str, Any] = {"seed": options.seed}  # scipy calls it rng from 1.15 on, and knows both names
+    draws = qmc.Sobol(len(low), **seeded).random(options.screened) if options.screened else np.zeros((0, len(low)))
+    points = np.concatenate([np.clip(given, low, high)[None], low + (high - low) * draws])
     values = _finite(evaluate(points))
     path = [float(values.min())]
     count = options.rounds[0].niches if options.rounds else 2

@@ -5,7 +5,7 @@ Those with a filter inside are designed for one plant and one sampling period by
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -210,4 +210,5 @@ def _bandwidth_in_crossovers() -> float:
         loop = (1 + _FAR**-2) / (1j * x * (1 + 1j * x / _FAR) ** 2)
         return abs(loop / (1 + loop)) - 10 ** (-3 / 20)
 
-    return float(brentq(above, 1.0, _FAR))
+    root: Any = brentq(above, 1.0, _FAR)
+    return float(root)

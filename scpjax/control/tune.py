@@ -12,7 +12,7 @@ import math
 import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -93,8 +93,8 @@ def point_at(problem: Problem, free: tuple[str, ...], at: Float[Array, " p"]) ->
     parts, ways = [leaves[i] for i in floats], [moves[i] for i in floats]
     value, slope = jax.value_and_grad(worth)(parts)
     bent = jax.vmap(lambda v: jax.jvp(jax.grad(worth), (parts,), (v,))[1])(ways)
-    gradient = sum(jnp.tensordot(w, s, axes=s.ndim) for w, s in zip(ways, slope, strict=True))
-    bend = sum(jnp.tensordot(w, b, axes=[list(range(1, w.ndim))] * 2) for w, b in zip(ways, bent, strict=True))
+    gradient: Any = sum(jnp.tensordot(w, s, axes=s.ndim) for w, s in zip(ways, slope, strict=True))
+    bend: Any = sum(jnp.tensordot(w, b, axes=[list(range(1, w.ndim))] * 2) for w, b in zip(ways, bent, strict=True))
     return Point(at, value, gradient, (bend + bend.T) / 2)
 
 

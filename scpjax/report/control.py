@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -134,7 +136,7 @@ def bode_figure(loops: tuple[Loop, Loop]) -> Figure:
     omega = np.geomspace(1e-2, 1e2, 500)
     for loop, colour, label in zip(loops, (plot.BASE, plot.EXTENDED), ("before", "after"), strict=True):
         try:
-            open_ = np.asarray(loop_response(loop, omega))
+            open_ = np.asarray(loop_response(loop, jnp.asarray(omega)))
         except ControlError:
             continue
         for axis, values in ((axes[0], open_), (axes[1], open_ / (1 + open_))):
@@ -215,7 +217,7 @@ def _body(report: TuningReport, linear: list[LoopFigures | None], shapes: dict[s
 
 
 def _linear_rows(linear: list[LoopFigures | None]) -> list[tuple[str, str, str]]:
-    def cells(read) -> tuple[str, str]:
+    def cells(read: Callable[[LoopFigures], str]) -> tuple[str, str]:
         one, two = ("–" if f is None else read(f) for f in linear)
         return one, two
 
