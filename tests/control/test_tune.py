@@ -27,7 +27,7 @@ from scpjax.control.pid import PID, Pair, thesis_pair
 from scpjax.control.plant import Difference
 from scpjax.control.problem import Problem, gains_of, specification, with_gains
 from scpjax.control.search import Round, SearchOptions, search
-from scpjax.control.tune import TuneOptions, point_at, tune, value_and_gradient, value_at
+from scpjax.control.tune import TuneOptions, point_at, tune, value_and_gradient, value_at, values_and_gradients
 from scpjax.recordings.thesis import TABLE_4_18
 
 FREE = ("Kp", "Ki", "Kd", "N")
@@ -88,6 +88,9 @@ def test_both_modes_and_the_point_agree():
     np.testing.assert_allclose(value, other, rtol=1e-12)
     np.testing.assert_allclose(slope, back, rtol=1e-8)
     np.testing.assert_allclose(slope, point.slope, rtol=1e-8)
+    many, slopes = eqx.filter_jit(values_and_gradients)(problem, FREE, jnp.stack([at, at + 0.1]))
+    np.testing.assert_allclose(many[0], value, rtol=1e-12)
+    np.testing.assert_allclose(slopes[0], slope, rtol=1e-8)
     # of a least-squares problem the matrix is that of Gauss-Newton: (J'J - g g') / value, by differences
     look = eqx.filter_jit(
         lambda p, x: p.responses(with_gains(p.loop.controller, dict(zip(FREE, jnp.exp(x), strict=True))))
