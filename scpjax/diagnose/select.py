@@ -11,6 +11,7 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.trials import (
     State,
+    afresh,
     candidates,
     fit_promising,
     moving_parameters,
@@ -176,8 +177,7 @@ def choose(
         best = accepted[0]
         equivalents[best.added] = equals(best, accepted, split)
         chance[best.added] = p[best.added] + sum(p[e] for e in equivalents[best.added])
-        trial, _, cost = refine(setup, split.train, best.state.trial)
-        state = State(best.state.names, trial, residual_on(trial, split.whole, setup), cost)
+        state = afresh(setup, best.state, split, width)
         state = _other_laws(setup, state, best.added, split, rules, width)
         state = _prune(setup, state, split, rules, width)
         if _at_noise(state, split):

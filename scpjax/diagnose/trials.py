@@ -153,6 +153,21 @@ def _fit_leading(
     return solved, cost
 
 
+def afresh(setup: Setup, state: State, split: Split, width: int) -> State:
+    """A hypothesis come to rest, from where it stands and from the base parameters that the data suggested at first.
+
+    Without the mechanism the base parameters were bent to imitate it, and a fit need not find the way back.
+    """
+    now = np.asarray(setup.space.values(state.trial.free, state.trial.fixed, state.trial.active))
+    added = np.isin([s.mechanism for s in setup.structure.slots], state.names)
+    keep = np.concatenate([added, np.zeros(len(now) - len(added), bool)])
+    active, laws = moving_parameters(setup, state.names), np.asarray(state.trial.laws)
+    begun = [setup.trial(np.where(keep, now, start), active, laws, width) for start in setup.starts]
+    found = [refine(setup, split.train, trial) for trial in (state.trial, *begun)]
+    trial, _, cost = min(found, key=lambda f: f[2] if np.isfinite(f[2]) else np.inf)
+    return State(state.names, trial, residual_on(trial, split.whole, setup), cost)
+
+
 def without(setup: Setup, state: State, name: str, split: Split, width: int) -> State:
     """The hypothesis with one of its mechanisms taken out, fitted again."""
     names = tuple(n for n in state.names if n != name)

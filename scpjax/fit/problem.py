@@ -76,7 +76,7 @@ def binned_residuals(
     ) -> Array:
         m = eqx.tree_at(lambda m_: m_.ambient, model, ambient)
         z0 = initial_state(m, locals_, values, effort)
-        advance, drive = stepper(m, grid, order=data.order)
+        advance, drive = stepper(m, grid, z0, order=data.order)
         observe = m.balances().observe
         n_y, bins = at_start.shape[1], target.shape[0]
         fold = lambda x: x.reshape(bins, data.bin, *x.shape[1:])  # noqa: E731

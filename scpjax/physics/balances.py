@@ -171,6 +171,21 @@ class Balances:
                 total = total + m.delay(p)
         return total
 
+    def holding(self, z: States, first: Float[Array, " sides"]) -> Float[Array, " sides"]:
+        """Effort that keeps the heated nodes of a state as warm as they are, as if it had long been so.
+
+        Of a model without an energy balance: the ``first`` one recorded. Power is linear in the effort.
+        """
+        if not self.structure.thermal:
+            return first
+        flows = []
+        for effort in (jnp.zeros(self.sides, self.dtype), jnp.ones(self.sides, self.dtype)):
+            view, owns = self._view(z, effort)
+            self._heat(view, owns)
+            flows.append(jnp.broadcast_to(view.heat, (self.sides,)))
+        found = -flows[0] / (flows[1] - flows[0])
+        return found if self.structure.drive == "gain" else jnp.maximum(found, 0.0)
+
     def initial(
         self, temperature: Number = 0.0, displaced: Number = 0.0, velocity: Number = 0.0, effort: Number = 0.0
     ) -> Float[Array, " n"]:

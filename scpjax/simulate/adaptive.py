@@ -24,8 +24,8 @@ def simulate_adaptive(
 ) -> tuple[Float[Array, "n states"], Float[Array, "n sides"]]:
     """States and efforts of any model at the stamps of a recording, to the tolerances of ``method``.
 
-    The drive is that of the recording's hold at ``t - delay``, continued by its first value before the
-    recording. Steps end where a held drive jumps or a linear one bends.
+    The drive is that of the recording's hold at ``t - delay``; before the recording, the effort that keeps the
+    actuator as ``z0`` shows it. Steps end where a held drive jumps or a linear one bends.
 
     diffrax's ``DirectAdjoint`` serves forward and reverse mode, exact for the steps taken; reverse mode is
     slow, for a cross-check and not for a fit. Under zero-order hold the derivative with respect to a dead
@@ -55,8 +55,13 @@ def _solve(
     knots = time + model.delay()
     column = _column(values, knots, hold)
 
-    def drive(t: Array) -> Array:
+    def applied(t: Array) -> Array:
         return jnp.asarray(effort(model.structure.drive, column(t), ambient=model.ambient, supply=supply))
+
+    before = model.balances().holding([z0[i] for i in range(z0.shape[0])], applied(knots[0]))
+
+    def drive(t: Array) -> Array:
+        return jnp.where(t < knots[0], before, applied(t))
 
     breaks = jax.lax.stop_gradient(knots)  # the very numbers that ``column`` looks up, so none lands on the wrong side
     solution = diffrax.diffeqsolve(
@@ -70,7 +75,7 @@ def _solve(
         stepsize_controller=diffrax.ClipStepSizeController(
             diffrax.PIDController(rtol=method.rtol, atol=method.atol),
             step_ts=breaks if hold == "linear" else None,
-            jump_ts=breaks if hold == "zero_order" else None,
+            jump_ts=breaks if hold == "zero_order" else breaks[:1],
         ),
         max_steps=method.max_steps,
         adjoint=diffrax.DirectAdjoint(),

@@ -183,8 +183,10 @@ def band_limited(values: Float[Values, "n s"], time: np.ndarray, at: np.ndarray)
     return (xp.fft.irfft(padded, n=length, axis=0) * factor)[: len(at)]
 
 
-def delayed(nodes: Float[Array, "steps 3 s"], step: Array, delay: Array, constant: bool) -> Float[Array, "steps 3 s"]:
-    """The effort ``delay`` [s] later; before the recording began it was what it was at the beginning.
+def delayed(
+    nodes: Float[Array, "steps 3 s"], step: Array, delay: Array, constant: bool, before: Float[Array, " s"]
+) -> Float[Array, "steps 3 s"]:
+    """The effort ``delay`` [s] later; ``before`` the recording began.
 
     Held efforts are shifted through their running integral, which makes the result differentiable in the delay.
     """
@@ -192,10 +194,11 @@ def delayed(nodes: Float[Array, "steps 3 s"], step: Array, delay: Array, constan
     if constant:
         held = nodes[:, 0, :]
         total = jnp.concatenate([jnp.zeros_like(held[:1]), jnp.cumsum(held, axis=0)])  # in units of a step
-        integral = _at(total, jnp.arange(steps + 1) - delay / step, before=held[0])
+        integral = _at(total, jnp.arange(steps + 1) - delay / step, before=before)
         return jnp.repeat(jnp.diff(integral, axis=0)[:, None, :], 3, axis=1)
     fine = jnp.concatenate([nodes[:, :2, :].reshape(2 * steps, -1), nodes[-1:, 2, :]])
-    shifted = _at(fine, jnp.arange(2 * steps + 1) - 2 * delay / step, before=jnp.zeros_like(fine[0]))
+    position = jnp.arange(2 * steps + 1) - 2 * delay / step
+    shifted = jnp.where(position[:, None] < 0, before, _at(fine, position, before=jnp.zeros_like(fine[0])))
     return jnp.stack([shifted[:-1:2], shifted[1::2], shifted[2::2]], axis=1)
 
 

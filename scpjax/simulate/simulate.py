@@ -53,14 +53,19 @@ class Trajectory(eqx.Module):
     outputs: Float[Array, "n outputs"]
 
 
-def stepper(model: Model, grid: Grid, *, order: int = 2) -> tuple[Step, Float[Array, "steps ..."]]:
+def stepper(
+    model: Model, grid: Grid, z0: Float[Array, " states"], *, order: int = 2
+) -> tuple[Step, Float[Array, "steps ..."]]:
     """The map over one step of a grid, and the (delayed) effort it takes at each; jit- and vmap-friendly.
+
+    What a dead time brings over from before the recording is the effort that kept the actuator as ``z0`` shows it.
 
     ``order`` 2 needs an effort that is constant over each step and is raised to 4 where it is not.
     """
     nodes, step = jnp.asarray(grid.effort), jnp.asarray(grid.step)
     if any(type(m).delay is not Mechanism.delay for m in model.structure.mechanisms):
-        nodes = delayed(nodes, step, model.delay(), grid.constant)
+        before = model.balances().holding(_apart(z0), nodes[0, 0])
+        nodes = delayed(nodes, step, model.delay(), grid.constant, before)
     a, _ = model.linearise()
     pattern = coupling(model.structure)
     rates = model.balances().rates
@@ -71,7 +76,7 @@ def stepper(model: Model, grid: Grid, *, order: int = 2) -> tuple[Step, Float[Ar
 
 def node_states(model: Model, grid: Grid, z0: Float[Array, " states"], *, order: int = 2) -> tuple[Array, Array]:
     """States and efforts at all nodes of a grid: (nodes, states) and (nodes, sides)."""
-    advance, effort = stepper(model, grid, order=order)
+    advance, effort = stepper(model, grid, z0, order=order)
     states = all_nodes(advance, z0, effort)
     ends = (effort, effort[-1:]) if effort.ndim == 2 else (effort[:, 0], effort[-1:, 2])
     return states, jnp.concatenate(ends)
@@ -132,10 +137,8 @@ def energy_balance(model: Model, recording: Recording, *, initial: Array | None 
 
 @jax.jit
 def _heats(model: Model, grid: Grid, z0: Array) -> dict[str, Array]:
-    step = jnp.asarray(grid.step)
-    nodes = delayed(jnp.asarray(grid.effort), step, model.delay(), grid.constant)
-
-    balances = model.balances()
+    step, nodes, balances = jnp.asarray(grid.step), jnp.asarray(grid.effort), model.balances()
+    nodes = delayed(nodes, step, model.delay(), grid.constant, balances.holding(_apart(z0), nodes[0, 0]))
 
     def rates(z: list[Array], u: Array) -> list[Array]:
         power, lost, _ = balances.heat_flows(z[:-2], u)
@@ -148,6 +151,10 @@ def _heats(model: Model, grid: Grid, z0: Array) -> dict[str, Array]:
     end = all_nodes(etd4(rates, a, step, pattern=dense), z_all, nodes)[-1]
     stored = [balances.heat_flows(z, nodes[i, j])[2] for z, i, j in ((z0, 0, 0), (end[:-2], -1, 2))]
     return {"supplied": end[-2], "lost": end[-1], "stored": stored[1] - stored[0]}
+
+
+def _apart(z: Float[Array, " states"]) -> list[Array]:
+    return [z[i] for i in range(z.shape[0])]
 
 
 def numpy_outputs(trajectory: Trajectory) -> np.ndarray:

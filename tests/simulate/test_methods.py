@@ -240,11 +240,16 @@ def test_delay_that_is_no_multiple_of_the_step_converges():
 
 
 def integrate(rates, z0, recording, *, delay=0.0):
-    """States at the stamps: a tight Runge-Kutta from one change of the drive to the next."""
+    """States at the stamps: a tight Runge-Kutta from one change of the drive to the next.
+
+    What a delay brings over from before the recording are the volts that kept the actuator as warm as ``z0`` is.
+    """
     time, volts = recording.time, recording.inputs[:, 0]
     switches = np.flatnonzero(np.diff(volts)) + 1
     edges = np.r_[time[0], time[switches] + delay, time[-1]]
     levels = volts[np.r_[0, switches]]
+    if delay:
+        edges, levels = np.r_[time[0], time[0] + delay, edges[1:]], np.r_[np.sqrt(LAM * z0[0] * R), levels]
     states, z = np.zeros((time.size, len(z0))), np.asarray(z0, float)
     for start, stop, level in zip(edges[:-1], edges[1:], levels, strict=True):
         at = np.flatnonzero((time >= start - 1e-12) & (time <= stop + 1e-12))
