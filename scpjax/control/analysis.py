@@ -146,7 +146,7 @@ def figures(loop: Loop, effort: Float[Array, " sides"] | None = None) -> LoopFig
     """
     import control
 
-    open_, closed = _minimal(open_loop(loop, effort)), _minimal(closed_loop(loop, effort))
+    open_, closed = _transfers(loop, effort)
     poles = np.asarray(closed.poles(), dtype=np.complex128)
     stable = bool(np.all(poles.real < 0))
     gain, phase, *_ = control.margin(open_)
@@ -156,24 +156,81 @@ def figures(loop: Loop, effort: Float[Array, " sides"] | None = None) -> LoopFig
             stable=False, gain_margin=float(gain), phase_margin=math.radians(float(phase)), bandwidth=bad,
             sensitivity=bad, step=None, poles=poles,
         )  # fmt: skip
-    step = figures_of(control.step_info(closed))
+    step = _step_of(closed)
     return LoopFigures(
         stable=True,
         gain_margin=float(gain),
         phase_margin=math.radians(float(phase)),
-        bandwidth=float(control.bandwidth(closed)),
+        bandwidth=_bandwidth_of(closed, poles),
         sensitivity=float(sensitivity_peak(loop, effort=effort)),
         step=step,
         poles=poles,
     )
 
 
-def _minimal(system: control.StateSpace) -> control.TransferFunction:
-    """Without what two equal branches have twice, so that margins and steps see each mode once."""
+def _transfers(
+    loop: Loop, effort: Float[Array, " sides"] | None
+) -> tuple[control.TransferFunction, control.TransferFunction]:
+    """(4.14) and (4.15) without what two like branches have twice, so that figures see each mode once.
+
+    All controllers integrate: 1/s stands before the sum, and branches with the same other poles are added up.
+    """
     import control
 
-    a, b, c, d = (np.asarray(m, float) for m in (system.A, system.B, system.C, system.D))
-    return control.TransferFunction(*minimal_polynomials(a, b, c, float(d[0, 0])))
+    branches: list[tuple[np.ndarray, np.ndarray]] = []
+    for pid, system in zip(controllers(loop.controller), side_systems(loop.plant, effort), strict=True):
+        a, b, c = (np.asarray(m, float) for m in (system.A, system.B, system.C))
+        numerator, denominator = minimal_polynomials(a, b, c, 0.0)
+        over = np.polymul(np.asarray(pid_transfer(pid).num[0][0], float), numerator)
+        under = np.polymul([1.0, float(pid.n)], denominator)
+        alike = [k for k, (_, u) in enumerate(branches) if u.shape == under.shape and np.allclose(u, under, rtol=1e-9)]
+        if alike:
+            branches[alike[0]] = np.polyadd(branches[alike[0]][0], over), under
+        else:
+            branches.append((over, under))
+    top, bottom = np.zeros(1), np.array([1.0, 0.0])
+    for k, (over, under) in enumerate(branches):
+        bottom = np.polymul(bottom, under)
+        for j, (_, other) in enumerate(branches):
+            over = over if j == k else np.polymul(over, other)
+        top = np.polyadd(top, over)
+    if top[-1] == 0 and top.size > 1:  # no integral gain
+        top, bottom = top[:-1], bottom[:-1]
+    return control.TransferFunction(top, bottom), control.TransferFunction(top, np.polyadd(bottom, top))
+
+
+def _bandwidth_of(closed: control.TransferFunction, poles: np.ndarray) -> float:
+    """First frequency [rad/s] at which the gain is 3 dB below that at rest; infinite where it never is.
+
+    On a grid that spans the poles: python-control's bisection does not find it for every loop.
+    """
+    sizes = np.abs(poles)
+    omega = np.geomspace(1e-2 * sizes.min(), 1e2 * sizes.max(), 20_000)
+    gain = np.abs(np.asarray(closed(1j * omega))) / abs(float(np.real(closed(0)))) - 10 ** (-3 / 20)
+    below = np.flatnonzero(gain < 0)
+    if not below.size or below[0] == 0:
+        return math.inf if not below.size else float(omega[0])
+    k = int(below[0])
+    share = gain[k - 1] / (gain[k - 1] - gain[k])
+    return float(omega[k - 1] * (omega[k] / omega[k - 1]) ** share)
+
+
+def _step_of(closed: control.TransferFunction) -> StepFigures:
+    """Step figures by python-control's `step_info` of the response at times that suit its slowest and fastest mode.
+
+    The modes' sum is exact at any time; a uniform grid, which python-control takes by itself, cannot show a rise of a
+    second before a tail of hours, as a small Ki makes it.
+    """
+    import control
+
+    system: Any = control.ss(closed)
+    modes, vectors = np.linalg.eig(np.asarray(system.A))
+    weights = (np.asarray(system.C) @ vectors)[0] * np.linalg.solve(vectors, np.asarray(system.B))[:, 0] / modes
+    rates = np.abs(modes.real)
+    time = np.concatenate([[0.0], np.geomspace(1e-3 / np.abs(modes).max(), 12 / rates.min(), 40_000)])
+    values = float(system.D[0, 0]) + np.real(np.expm1(np.outer(time, modes)) @ weights)
+    final = float(system.D[0, 0]) - float(np.real(weights.sum()))
+    return figures_of(control.step_info(values, T=time, yfinal=final))
 
 
 _FREQUENCIES = np.geomspace(1e-3, 1e3, 1200)  # rad/s
@@ -194,8 +251,19 @@ def loop_response(
 
 
 def sensitivity_peak(loop: Loop, *, effort: Float[Array, " sides"] | None = None) -> Scalar:
-    """Greatest absolute value of 1 / (1 + L(i omega)); its inverse is the distance of L from -1. Differentiable."""
-    return jnp.max(1 / jnp.abs(1 + loop_response(loop, jnp.asarray(_FREQUENCIES), effort)))
+    """Greatest absolute value of 1 / (1 + L(i omega)); its inverse is the distance of L from -1. Differentiable.
+
+    An unstable loop has none; `UNSTABLE` stands for it. Stability is told by how often L goes round -1 (Nyquist), so
+    it takes a plant that is stable by itself.
+    """
+    apart = 1 + loop_response(loop, jnp.asarray(_FREQUENCIES), effort)
+    turned = jnp.angle(apart[0]) + jnp.sum(jnp.angle(apart[1:] / apart[:-1]))
+    stable = jnp.abs(jax.lax.stop_gradient(turned)) < jnp.pi
+    return jnp.where(stable, jnp.max(1 / jnp.abs(apart)), UNSTABLE)
+
+
+UNSTABLE = 1e3
+"""What `sensitivity_peak` gives for an unstable loop."""
 
 
 def reach(plant: Plant, high: float | Array) -> tuple[float, float]:

@@ -7,6 +7,8 @@ import pytest
 from loop_cases import DEG, PLANT, run_jit, signal, thesis_loop
 
 from scpjax.control.analysis import (
+    UNSTABLE,
+    closed_loop,
     figures,
     loop_response,
     open_loop,
@@ -118,6 +120,21 @@ def test_an_unstable_linear_loop_has_no_step_figures():
     assert np.isnan(found.bandwidth)
     with pytest.raises(ControlError, match="is no PID or Pair"):
         figures(Loop(thesis_loop().plant, SwitchedPair(thesis_pair())))
+
+
+def test_sensitivity_knows_unstable_loops():
+    """Of random gains: by encirclements as by the poles of the closed loop."""
+    rng = np.random.default_rng(5)
+    gains = np.exp(np.log([0.5, 0.12, 0.47, 5.84]) + 1.5 * rng.standard_normal((60, 4)))
+    plant = thesis_loop().plant
+    peaks = jax.jit(jax.vmap(lambda g: sensitivity_peak(Loop(plant, Pair(PID.per_degree(*g))))))(jnp.asarray(gains))
+    stable = []
+    for g in gains:
+        poles = np.asarray(closed_loop(Loop(plant, Pair(PID.per_degree(*g)))).poles())
+        stable.append(bool(np.all(poles.real[np.abs(poles) > 1e-8] < 0)))  # the branches share an integrator, at 0
+        assert figures(Loop(plant, Pair(PID.per_degree(*g)))).stable == stable[-1]
+    assert 5 < sum(stable) < 55
+    np.testing.assert_array_equal(np.asarray(peaks) < UNSTABLE, stable)
 
 
 def test_feedforward_share_can_be_tuned():
