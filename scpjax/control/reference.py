@@ -28,7 +28,7 @@ Name = Literal[
     "sine", "square", "triangle", "sawtooth", "stair", "multilevel", "sweep", "step_difference", "minimum_jerk"
 ]
 NAMES: tuple[str, ...] = get_args(Name)
-MULTILEVEL_SEED = 211  # of 1500 seeds the nearest to the printed errors of Table 4.16
+MULTILEVEL_SEED = 211  # of 400 seeds the nearest to the printed errors of Table 4.16
 _USUAL = {  # frequency [Hz], duration [s]
     "sine": (0.05, 60.0),
     "square": (0.05, 60.0),
