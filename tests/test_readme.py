@@ -67,7 +67,7 @@ def test_the_examples_run(tmp_path, monkeypatch, capsys):
     once.share(monkeypatch)
     monkeypatch.chdir(tmp_path)
     examples = blocks("python")
-    assert len(examples) == 4
+    assert len(examples) == 5
     space: dict = {"__name__": "readme"}
     for i, code in enumerate(examples):
         exec(compile(code, f"README.md, python block {i + 1}", "exec"), space)
