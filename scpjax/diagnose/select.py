@@ -16,6 +16,7 @@ from scpjax.diagnose.trials import (
     fit_promising,
     moving_parameters,
     residual_on,
+    start_value,
     trials_with,
     without,
 )
@@ -104,16 +105,34 @@ def try_all(
     fitted = fit_promising(setup, state, split, trials, [(m.name, law) for m, law in labels], max_steps)
     out = []
     for m in dict.fromkeys(m for m, _ in labels):
-        extra = sum(not p.fixed for p in m.parameters)
         laws: dict[int, State] = {}
         for i, (other, law) in enumerate(labels):
             if other is m and i in fitted and (law not in laws or fitted[i].cost < laws[law].cost):
                 laws[law] = fitted[i]
         # no start of it promised anything: as it was, for more parameters
         laws = laws or {0: State((*state.names, m.name), state.trial, state.residual, state.cost)}
-        found = [compare(state, after, m.name, m.laws[law], split, rules, extra) for law, after in laws.items()]
-        out.append(max(found, key=lambda c: (c.accepted, c.delta_bic)))
+        found = [
+            compare(state, after, m.name, m.laws[law], split, rules, len(m.free_parameters(law)))
+            for law, after in laws.items()
+        ]
+        out.append(_best_law(m, found, split, rules))
     return sorted(out, key=lambda c: -c.delta_bic)
+
+
+def _best_law(m: Mechanism, found: Sequence[Comparison], split: Split, rules: Evidence) -> Comparison:
+    """The law to speak for a mechanism: the one with evidence that has fewest parameters, unless a wider one is better
+    in a comparison of the two; of equally wide ones the closer fit.
+    """
+    width = lambda c: len(m.free_parameters(m.laws.index(c.law)))  # noqa: E731
+    able = [c for c in found if c.accepted]
+    if not able:
+        return max(found, key=lambda c: c.delta_bic)
+    best, *others = sorted(able, key=lambda c: (width(c), c.state.cost))
+    for c in others:
+        more = width(c) - width(best)
+        if more and compare(best.state, c.state, m.name, c.law, split, rules, more).accepted:
+            best = c
+    return best
 
 
 def probabilities(comparisons: Sequence[Comparison], *, prior_none: float = 0.5) -> dict[str, float]:
@@ -190,7 +209,8 @@ def _prune(setup: Setup, state: State, split: Split, rules: Evidence, width: int
     """Take out what a later mechanism has made superfluous."""
     for name in state.names[:-1]:
         fewer = without(setup, state, name, split, width)
-        extra = sum(not p.fixed for p in setup.structure.mechanism(name).parameters)
+        m, law = setup.structure.mechanism(name), state.laws(setup)[name]
+        extra = len(m.free_parameters(m.laws.index(law)))
         if not compare(fewer, state, name, "", split, rules, extra).accepted:
             state = fewer
     return state
@@ -201,15 +221,19 @@ def _other_laws(setup: Setup, state: State, name: str, split: Split, rules: Evid
     m = setup.structure.mechanism(name)
     which = next(i for i, other in enumerate(setup.structure.mechanisms) if other.name == name)
     now = int(state.trial.laws[which])
-    value = np.array(setup.space.values(state.trial.free, state.trial.fixed, state.trial.active))
-    best = state
+    stands = np.array(setup.space.values(state.trial.free, state.trial.fixed, state.trial.active))
+    best, free = state, m.free_parameters(now)
     for law in range(now + 1, len(m.laws)):
+        added = [p for p in m.free_parameters(law) if p not in free]
+        value = stands.copy()
+        for p in added:
+            value[setup.structure.index[f"{name}.{p.name}"]] = start_value(setup, m, p)
         laws = np.asarray(state.trial.laws).copy()
         laws[which] = law
-        trial = setup.trial(value, moving_parameters(setup, state.names), laws, width)
+        trial = setup.trial(value, moving_parameters(setup, state.names, laws), laws, width)
         trial, _, cost = refine(setup, split.train, trial, max_steps=80)
         after = State(state.names, trial, residual_on(trial, split.whole, setup), cost)
-        if compare(best, after, name, m.laws[law], split, rules, len(m.parameters) - 1).accepted:
+        if compare(best, after, name, m.laws[law], split, rules, max(len(added), 1)).accepted:
             best = after
     return best
 

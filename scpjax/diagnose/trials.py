@@ -13,6 +13,7 @@ from scpjax.fit.fit import refine
 from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.setup import Setup
 from scpjax.fit.solve import ABREAST, batches, binned_of, evaluate, solve_all, stack
+from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism
 
 
@@ -39,11 +40,12 @@ def candidates(setup: Setup) -> tuple[Mechanism, ...]:
     return tuple(m for m in setup.structure.mechanisms if not m.is_base)
 
 
-def moving_parameters(setup: Setup, names: Sequence[str]) -> np.ndarray:
-    """Entries that move when these mechanisms are in."""
+def moving_parameters(setup: Setup, names: Sequence[str], laws: np.ndarray) -> np.ndarray:
+    """Entries that move when these mechanisms are in, under these laws (mechanisms,)."""
     active = setup.base_active.copy()
+    free = {m.name: m.free_parameters(int(law)) for m, law in zip(setup.structure.mechanisms, laws, strict=True)}
     for slot in setup.structure.slots:
-        if slot.mechanism in names and not slot.parameter.fixed:
+        if slot.mechanism in names and slot.parameter in free[slot.mechanism]:
             active[slot.index] = True
     return active
 
@@ -57,7 +59,6 @@ def widest(setup: Setup, most: int) -> int:
 def trials_with(setup: Setup, state: State, added: Mechanism, width: int) -> list[tuple[int, Trial]]:
     """(law, trial) for every law and start of a mechanism added to a hypothesis."""
     names = (*state.names, added.name)
-    active = moving_parameters(setup, names)
     now = np.asarray(setup.space.values(state.trial.free, state.trial.fixed, state.trial.active))
     which = next(i for i, m in enumerate(setup.structure.mechanisms) if m.name == added.name)
     out = []
@@ -67,14 +68,24 @@ def trials_with(setup: Setup, state: State, added: Mechanism, width: int) -> lis
     for law in laws:
         for start in added.starts:
             value = now.copy()
-            for p, s in zip(added.parameters, start, strict=True):
+            for k, p in enumerate(added.parameters):
                 i = setup.structure.index[f"{added.name}.{p.name}"]
-                unit = {"response": setup.scales.response, "duration": setup.scales.duration}.get(p.time, 1.0)
-                value[i] = setup.fixed[i] if p.fixed else s * unit
+                value[i] = setup.fixed[i] if p.fixed else start[k] * _unit(setup, p)
             vector = np.asarray(state.trial.laws).copy()
             vector[which] = law
+            active = moving_parameters(setup, names, vector)
             out.append((law, setup.trial(value, active, vector, width)))
     return out
+
+
+def _unit(setup: Setup, p: Parameter) -> float:
+    """What a start of a parameter is a multiple of."""
+    return {"response": setup.scales.response, "duration": setup.scales.duration}.get(p.time, 1.0)
+
+
+def start_value(setup: Setup, m: Mechanism, p: Parameter) -> float:
+    """Where a parameter of a mechanism starts, by its first start."""
+    return m.starts[0][m.parameters.index(p)] * _unit(setup, p)
 
 
 def residual_on(trial: Trial, data: Data, setup: Setup) -> np.ndarray:
@@ -161,7 +172,8 @@ def afresh(setup: Setup, state: State, split: Split, width: int) -> State:
     now = np.asarray(setup.space.values(state.trial.free, state.trial.fixed, state.trial.active))
     added = np.isin([s.mechanism for s in setup.structure.slots], state.names)
     keep = np.concatenate([added, np.zeros(len(now) - len(added), bool)])
-    active, laws = moving_parameters(setup, state.names), np.asarray(state.trial.laws)
+    laws = np.asarray(state.trial.laws)
+    active = moving_parameters(setup, state.names, laws)
     begun = [setup.trial(np.where(keep, now, start), active, laws, width) for start in setup.starts]
     found = [refine(setup, split.train, trial) for trial in (state.trial, *begun)]
     trial, _, cost = min(found, key=lambda f: f[2] if np.isfinite(f[2]) else np.inf)
@@ -171,8 +183,8 @@ def afresh(setup: Setup, state: State, split: Split, width: int) -> State:
 def without(setup: Setup, state: State, name: str, split: Split, width: int) -> State:
     """The hypothesis with one of its mechanisms taken out, fitted again."""
     names = tuple(n for n in state.names if n != name)
-    active = moving_parameters(setup, names)
+    laws = np.asarray(state.trial.laws)
     now = np.asarray(setup.space.values(state.trial.free, state.trial.fixed, state.trial.active))
-    trial = setup.trial(now, active, np.asarray(state.trial.laws), width)
+    trial = setup.trial(now, moving_parameters(setup, names, laws), laws, width)
     trial, _, cost = refine(setup, split.train, trial)
     return State(names, trial, residual_on(trial, split.whole, setup), cost)

@@ -68,6 +68,7 @@ class Mechanism(eqx.Module):
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     states: ClassVar[tuple[str, ...]] = ()
     laws: ClassVar[tuple[str, ...]] = ("",)
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {}  # laws that a parameter belongs to, where not to all
     needs: ClassVar[tuple[str, ...]] = ()  # of "electric", "thermal", "mechanical", "temperature_output", ...
     excited_by: ClassVar[str] = ""
     starts: ClassVar[tuple[tuple[float, ...], ...]] = ()  # physical (or time-relative) start values, per parameter
@@ -76,6 +77,10 @@ class Mechanism(eqx.Module):
     def is_base(self) -> bool:
         """Base mechanisms have no null value: a model is not one without them."""
         return all(p.null is None for p in self.parameters)
+
+    def free_parameters(self, law: int) -> tuple[Parameter, ...]:
+        """What is estimated under a law (its index among ``laws``)."""
+        return tuple(p for p in self.parameters if not p.fixed and law in self.only_under.get(p.name, (law,)))
 
     def power(self, p: Values, view: View, power: Side) -> Side:
         """Electric power [W] into the heated node, given what the mechanisms before made of it."""

@@ -1,5 +1,7 @@
 """Creep: the polymer goes on moving after the force has stopped changing."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from scpjax.parameter import Parameter
@@ -22,6 +24,7 @@ class Creep(Mechanism):
     needs = ("mechanical",)
     excited_by = "long holds after a step"
     laws = ("one branch", "two branches")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"slow_compliance": (1,), "slow_ratio": (1,)}
     states = ("creep_displacement", "slow_creep_displacement")
     parameters = (
         Parameter(
