@@ -151,12 +151,13 @@ def fit_promising(
 def _fit_leading(
     setup: Setup, split: Split, trials: Sequence[Trial], before: float, max_steps: int
 ) -> tuple[list[Trial], np.ndarray]:
-    """(trials, costs) after a few steps of all; those that lead by then, or nearly, come to rest."""
+    """(trials, costs) after a few steps of all; those that nearly lead by then, or have yet to return, come to rest."""
     fit = lambda these, steps: solve_all(  # noqa: E731
         these, split.train, setup.space, max_steps=steps, tolerance=_TOLERANCE
     )
     solved, cost, rest = fit(trials, _FEW)
-    leading = [i for i in range(len(trials)) if not rest[i] and before - cost[i] > _NEARLY * (before - np.min(cost))]
+    gain = before - cost  # below 0: its first steps were too bold, and it has yet to come back
+    leading = [i for i in np.flatnonzero(~rest) if gain[i] < 0 or gain[i] > _NEARLY * np.max(gain)]
     if leading and max_steps > _FEW:
         better, lower, _ = fit([solved[i] for i in leading], max_steps - _FEW)
         for i, trial, c in zip(leading, better, lower, strict=True):
