@@ -108,18 +108,22 @@ def section_error(
     """Largest difference between the extremes of reference and angle, section by section.
 
     In each section the extreme on that side counts to which the reference moved: up from the mean of the section
-    before it (from 0 for the first) the greatest value, down the least; both where the mean is the same.
+    before it (from 0 for the first) the greatest value, down the least; both where the mean is the same. A last
+    section that the end cuts off counts where the angle has its extreme before the end: it is on its way back.
     """
     index = ((time - time[0]) / section + 1e-9).astype(int)
     worst, before, size = 0.0, 0.0, float(np.ptp(reference))
     for i in range(index[-1] + 1):
         inside = (index == i) & (time - time[0] >= skip)
-        if inside.sum() < 2 or (index == i).sum() < 0.5 * section / (time[1] - time[0]):
+        if inside.sum() < 2:
             continue
+        cut = time[index == i][-1] - time[0] < (i + 1) * section - 1.5 * (time[1] - time[0])
         mean = float(reference[index == i].mean())
         moved = mean - before
         extremes = (np.max, np.min) if abs(moved) < 1e-3 * size else (np.max,) if moved > 0 else (np.min,)
         for extreme in extremes:
+            if cut and angle[inside][-1] == extreme(angle[inside]):
+                continue
             worst = max(worst, abs(float(extreme(reference[inside]) - extreme(angle[inside]))))
         before = mean
     return worst

@@ -1,14 +1,18 @@
 """References of thesis 4.4.3 for a loop, and minimum jerk; the shapes are those of `scpjax.recordings.excitation`.
 
-Every signal holds both ends: 60 s every 0.02 s are 3001 samples. What the thesis leaves open, and what is chosen here:
+Every signal holds both ends: 60 s every 0.02 s are 3001 samples. The amplitude (25 degrees), 0.05 Hz for sine and
+square, 0.02 Hz for the sawtooth and a value every 20 s for multilevel, stair and triangle are printed. The text leaves
+open, and here is chosen:
 
-- sine, square: 0.05 Hz for 60 s, starting at 0 and high. With that length the printed errors of Table 4.16 come out.
-- sawtooth: rises from -amplitude to +amplitude at 0.02 Hz for 120 s (the length is not printed; it fits).
-- stair: from -amplitude to +amplitude in five rises, a level every 20 s, for 120 s (number and length fit the table).
-- multilevel random: a level every 20 s for 120 s. The levels are not printed: errors come out for many sets of levels,
-  of which ``seed`` chooses one.
-- triangle: "changed values every 20 s" does not say which values, and the length is not printed. Here it runs from
-  -amplitude to +amplitude and back in 100 s.
+- sine, square: 60 s, starting at 0 and high, as the figures with disturbances go on for 60 s.
+- sawtooth: rises from -amplitude to +amplitude; its 120 s are not printed.
+- stair: from -amplitude to +amplitude in five rises, 120 s. The number of rises is not printed; five fit the table.
+- triangle: "triangle-shaped" is read as the "stair (triangle shaped)" of section 4.3.1 and Figure 4.5 (c): the same
+  levels up and down again, 220 s. Nothing is left to choose then. `ramps` is a triangle of straight lines.
+- multilevel: seven levels, 140 s. The text prints none. They follow from the voltages of this simulation, which the
+  author published as tables for his microcontroller (github.com/GabrielSilva96/Dissertation-s-codes, AAA_ANG_TRACK):
+  438 pairs, 0.32 s apart. Under those before the end of every 20 s the plant (4.4) would rest within 0.6 degrees of
+  the levels here, which are the nearest multiples of five. Table 4.16 had no part in it.
 """
 
 from __future__ import annotations
@@ -25,17 +29,17 @@ from scpjax.recordings import excitation
 from scpjax.recordings.excitation import Signal
 
 Name = Literal[
-    "sine", "square", "triangle", "sawtooth", "stair", "multilevel", "sweep", "step_difference", "minimum_jerk"
+    "sine", "square", "triangle", "sawtooth", "stair", "multilevel", "ramps", "sweep", "step_difference", "minimum_jerk"
 ]
 NAMES: tuple[str, ...] = get_args(Name)
-MULTILEVEL_SEED = 211  # of 400 seeds the nearest to the printed errors of Table 4.16
 _USUAL = {  # frequency [Hz], duration [s]
     "sine": (0.05, 60.0),
     "square": (0.05, 60.0),
-    "triangle": (0.01, 100.0),
+    "triangle": (0.05, 220.0),
     "sawtooth": (0.02, 120.0),
     "stair": (0.05, 120.0),
-    "multilevel": (0.05, 120.0),
+    "multilevel": (0.05, 140.0),
+    "ramps": (0.01, 100.0),
     "sweep": (0.5, 60.0),
     "step_difference": (0.025, 60.0),
     "minimum_jerk": (0.05, 60.0),
@@ -46,16 +50,17 @@ _USUAL = {  # frequency [Hz], duration [s]
 class Reference:
     """A named reference: ``amplitude`` [rad], ``frequency`` [Hz], ``duration`` and ``dt`` [s].
 
-    Frequency and duration are those of Table 4.16 where they are None. For ``stair``, ``multilevel`` and
-    ``minimum_jerk`` a level lasts ``1 / frequency``; a ``sweep`` runs from 0 up to the frequency; a
-    ``step_difference`` goes up at 0 and down after half a period.
+    Frequency and duration are those of Table 4.16 where they are None. For ``stair``, ``triangle``, ``multilevel``
+    and ``minimum_jerk`` a level lasts ``1 / frequency``; a ``sweep`` runs from 0 up to the frequency; a
+    ``step_difference`` goes up at 0 and down after half a period. With a ``seed`` the levels of ``multilevel`` are
+    drawn, of 11 even ones; without they are the thesis's, again and again.
     """
 
     amplitude: float = math.radians(25.0)
     frequency: float | None = None
     duration: float | None = None
     dt: float = 0.02
-    seed: int = MULTILEVEL_SEED
+    seed: int | None = None
 
     def make(self, name: str) -> Signal:
         """Time [s] and reference [rad]. **Raises** `ControlError` for an unknown name or impossible numbers."""
@@ -82,32 +87,30 @@ class Reference:
             return excitation.sine(**grid, amplitude=a, frequency_hz=frequency)
         if name == "square":
             return excitation.square(**grid, low=-a, high=a, frequency_hz=frequency)
-        if name == "triangle":
+        if name == "ramps":
             return excitation.triangle(**grid, low=-a, high=a, frequency_hz=frequency)
         if name == "sawtooth":
             return excitation.sawtooth(**grid, low=-a, high=a, frequency_hz=frequency)
-        if name == "multilevel":
-            levels = _MULTILEVELS
-            return excitation.multilevel_random(**grid, low=-a, high=a, hold_s=hold, seed=self.seed, levels=levels)
+        if name == "multilevel" and self.seed is not None:
+            return excitation.multilevel_random(**grid, low=-a, high=a, hold_s=hold, seed=self.seed, levels=11)
         if name == "sweep":
             return excitation.chirp(**grid, amplitude=a, start_hz=0.0, stop_hz=frequency)
         if name == "step_difference":
             return excitation.step_difference(**grid, amplitude=a, up_s=0.0, down_s=hold / 2)
         time = dt * np.arange(math.ceil((duration + dt) / dt - 1e-6))
-        if name == "stair":
-            return time, stair(time, amplitude=a, hold=hold)
+        levels = _LEVELS.get(name)
+        if levels is not None:
+            index = np.minimum((time / hold + 1e-9).astype(int), math.ceil(duration / hold - 1e-6) - 1)
+            return time, a * np.asarray(levels)[index % len(levels)]
         return time, minimum_jerk(time, amplitude=a, hold=hold)
 
 
-_MULTILEVELS = 11
-_RISES = 5
-
-
-def stair(time: np.ndarray, *, amplitude: float, hold: float) -> np.ndarray:
-    """From ``-amplitude`` to ``amplitude`` in five rises and down again, each level for ``hold`` [s]: (n,)."""
-    up = np.linspace(-amplitude, amplitude, _RISES + 1)
-    levels = np.concatenate([up, up[-2:0:-1]])
-    return levels[(time / hold + 1e-9).astype(int) % levels.size]
+_UP = (-1.0, -0.6, -0.2, 0.2, 0.6, 1.0)
+_LEVELS = {  # shares of the amplitude
+    "stair": _UP,
+    "triangle": _UP + _UP[-2:0:-1],
+    "multilevel": (0.6, -0.4, -1.0, 0.2, 1.0, 0.4, -0.6),
+}
 
 
 def minimum_jerk(time: np.ndarray, *, amplitude: float, hold: float) -> np.ndarray:
@@ -126,4 +129,4 @@ def minimum_jerk(time: np.ndarray, *, amplitude: float, hold: float) -> np.ndarr
 def sections(name: str, *, frequency: float | None = None) -> float:
     """Length [s] of the stretches that are compared with each other: half a period, or one level."""
     f = _USUAL[name][0] if frequency is None else frequency
-    return 1 / f if name in ("stair", "multilevel", "sawtooth", "minimum_jerk") else 0.5 / f
+    return 1 / f if name in (*_LEVELS, "sawtooth", "minimum_jerk") else 0.5 / f

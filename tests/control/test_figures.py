@@ -68,10 +68,10 @@ def actuator(code, mass, factor):
 def test_figure_4_17_with_the_joint_model():
     """Force and damping six and three times those of Table 4.14, as section 4.4.5 has it."""
     joint = Joint(aaa(actuator("1", 0.040, 6.0), actuator("1", 0.0404, 6.0), pulley_radius=0.015, pulley_mass=0.002))
-    effort = np.zeros((1001, 2))
-    effort[:500, 0] = effort[500:, 1] = 3.26**2
+    effort = np.zeros((1501, 2))
+    effort[:500, 0] = effort[500:1000, 1] = effort[1000:, 0] = 3.26**2
     angle = np.asarray(play_jit(joint, effort)[0]) / DEG
-    assert angle[500] - angle[-1] == pytest.approx(17.0, rel=0.1)
+    assert angle[1500] - angle[1000] == pytest.approx(17.0, rel=0.02)  # across the 20 and 30 s marks
     weights = Joint(aaa(*[actuator("2", 0.0872, 3.0)] * 2, pulley_radius=0.015, pulley_mass=0.002))
     voltages = run_jit(thesis_loop(), signal("sine"), DT).effort
     angle = np.asarray(play_jit(weights, voltages)[0])[1000:] / DEG
@@ -130,6 +130,15 @@ def test_sections_of_a_stair_compare_the_overshoot():
     )
     assert section_error(time, levels, angle, 10.0) == pytest.approx(0.3)
     assert peak_of(time, levels, angle, 20.0)[0] == pytest.approx(-0.3)
+
+
+def test_a_section_that_the_end_cuts_off_counts_once_its_extreme_is_past():
+    time = 0.01 * np.arange(2401)
+    levels = np.array([1.0, 3.0, 2.0])[np.minimum((time / 10 + 1e-9).astype(int), 2)]
+    angle = levels - 0.1 - 0.5 * (time > 20) * (np.mod(time, 10.0) > 2.0)
+    assert section_error(time, levels, angle, 10.0) == pytest.approx(0.1)  # still at its least: not over
+    back = np.where(time > 23.5, angle + 0.3, angle)
+    assert section_error(time, levels, back, 10.0) == pytest.approx(0.6)
 
 
 def test_step_figures_are_those_of_python_control():
