@@ -1,7 +1,8 @@
 """Loops as python-control systems: thesis (4.12)-(4.15), margins, step figures, bandwidth, sensitivity.
 
 Saturation and anti-windup are left out (thesis 4.4.2): both controllers of a pair are taken to be at work, so the
-loop gain is that of the two together, (4.14). A nonlinear model is linearised about an operating point by autodiff.
+loop gain is that of the two together, (4.14). A nonlinear model is linearised about an operating point by autodiff
+(`scpjax.control.operating`).
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from scpjax.control.controller import Controller, Scalar
 from scpjax.control.errors import ControlError
 from scpjax.control.loop import Loop
 from scpjax.control.metrics import StepFigures, figures_of
+from scpjax.control.operating import linear_parts
 from scpjax.control.pid import PID, Pair
-from scpjax.control.plant import Difference, Plant, model_step
+from scpjax.control.plant import Plant
 from scpjax.control.state_space import minimal_polynomials
-from scpjax.physics.model import Model
 
 if TYPE_CHECKING:
     import control
@@ -45,53 +46,14 @@ def pid_transfer(pid: PID) -> control.TransferFunction:
     return control.TransferFunction([kp + kd * n, ki + n * kp, n * ki], [1.0, n, 0.0])
 
 
-def operating_point(
-    model: Model, effort: Float[Array, " sides"] | None = None, *, settle: float = 50.0, steps: int = 4000
-) -> Float[Array, " states"]:
-    """State at which a model rests under a constant effort (rest at none), by Newton from a long simulation.
-
-    ``settle`` is how many of its slowest time constants the simulation lasts.
-    """
-    s = model.structure
-    if effort is None:
-        return jnp.zeros(s.n_states, model.theta.dtype)
-    poles = np.linalg.eigvals(np.asarray(model.linearise()[0]))
-    slowest = -max((p.real for p in poles if p.real < 0), default=-1.0)
-    step = model_step(model, settle / slowest / steps)
-    parts = tuple(effort[i] for i in range(len(s.sides)))
-    z, _ = jax.lax.scan(lambda z, _: (step.advance(z, parts, 0.0), None), step.initial, None, length=steps)
-    state = jnp.stack(step.states(z))
-    for _ in range(2):  # to rounding, where the balances are smooth
-        a, _ = model.linearise(state, effort)
-        state = state - jnp.linalg.lstsq(a, model.rates(state, effort))[0]
-    return state
-
-
 def side_systems(plant: Plant, effort: Float[Array, " sides"] | None = None) -> list[control.StateSpace]:
     """Linear systems from the effort of each side [V^2] to the position [rad], about an operating point."""
     import control
 
     systems = []
-    for a, b, c in _linear_parts(plant, effort):
+    for a, b, c in linear_parts(plant, effort):
         systems.append(control.StateSpace(np.asarray(a), np.asarray(b)[:, None], np.asarray(c)[None], [[0.0]]))
     return systems
-
-
-def _linear_parts(plant: Plant, effort: Float[Array, " sides"] | None = None) -> list[tuple[Array, Array, Array]]:
-    """(A, b, c) from the effort of each side to the position; jax arrays, differentiable."""
-    parts, at = [], 0
-    for k, model in enumerate(plant.models()):
-        sides = len(model.structure.sides)
-        mine = None if effort is None else effort[at : at + sides]
-        z = operating_point(model, mine)
-        u = jnp.zeros(sides, model.theta.dtype) if mine is None else mine
-        a, b = model.linearise(z, mine)
-        sign = -1.0 if k else 1.0
-        radius = model.structure.pulley_radius if sides == 2 else None
-        c = jax.jacfwd(model.observe)(z, u)[-1] * sign * (1.0 if radius else plant.scale())
-        parts += [(a, b[:, j], c) for j in range(sides)]
-        at += sides
-    return parts
 
 
 def open_loop(loop: Loop, effort: Float[Array, " sides"] | None = None) -> control.StateSpace:
@@ -242,7 +204,7 @@ def loop_response(
     """Open loop L(i omega), in jax: differentiable in gains and plants."""
     s = 1j * omega
     total = jnp.zeros(omega.shape, complex)
-    parts = _linear_parts(loop.plant, effort)
+    parts = linear_parts(loop.plant, effort)
     for pid, (a, b, c) in zip(controllers(loop.controller), parts, strict=True):
         over, under = _polynomials(a, b, c)
         plant = jnp.polyval(over.astype(complex), s) / jnp.polyval(under.astype(complex), s)
@@ -280,26 +242,3 @@ def sensitivity_peak(loop: Loop, *, effort: Float[Array, " sides"] | None = None
 
 UNSTABLE = 1e3
 """What `sensitivity_peak` gives for an unstable loop."""
-
-
-def reach(plant: Plant, high: float | Array) -> tuple[float, float]:
-    """Angles [rad] at which the plant comes to rest under the greatest effort [V^2] of either side alone."""
-    ends = []
-    for side in range(plant.sides):
-        effort = jnp.zeros(plant.sides).at[side].set(high)
-        ends.append(_rest_position(plant, effort))
-    low = min(ends) if len(ends) > 1 else 0.0
-    return min(low, 0.0), max(ends)
-
-
-def _rest_position(plant: Plant, effort: Float[Array, " sides"]) -> float:
-    total, at = 0.0, 0
-    for k, model in enumerate(plant.models()):
-        sides = len(model.structure.sides)
-        mine = effort[at : at + sides]
-        seen = float(model.observe(operating_point(model, mine), mine)[-1])
-        slack = plant.slack(model) if isinstance(plant, Difference) else None
-        seen = seen if slack is None else max(seen - float(slack), 0.0)
-        total += (-seen if k else seen) * (1.0 if sides == 2 else float(plant.scale()))
-        at += sides
-    return total

@@ -10,9 +10,9 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from scpjax.control.analysis import reach
 from scpjax.control.errors import ControlError
 from scpjax.control.loop import Loop, Response, run
+from scpjax.control.operating import reach
 from scpjax.control.pid import PID, Pair
 
 Stability = Literal["stable", "oscillates", "diverges"]

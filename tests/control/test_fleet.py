@@ -12,14 +12,13 @@ from scpjax.control.analysis import (
     figures,
     loop_response,
     open_loop,
-    operating_point,
-    reach,
     sensitivity_peak,
     side_systems,
 )
 from scpjax.control.errors import ControlError
 from scpjax.control.fleet import covariance_plants, fleet_of, spread_plants, varied
 from scpjax.control.loop import Loop, play, run
+from scpjax.control.operating import operating_point, reach
 from scpjax.control.pid import PID, Pair, thesis_pair
 from scpjax.control.plant import Difference, Joint
 from scpjax.control.problem import Problem

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from loop_cases import DEG, run_jit, signal, thesis_loop
 
-from scpjax.control.analysis import closed_loop, figures, reach, side_systems
+from scpjax.control.analysis import closed_loop, figures, side_systems
 from scpjax.control.metrics import measure
+from scpjax.control.operating import reach
 from scpjax.control.reference import sections
 from scpjax.recordings.thesis import TABLE_4_15, TABLE_4_16
 
