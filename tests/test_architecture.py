@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import scpjax
-from scpjax.physics.catalogue import catalogue, left_out
+from scpjax.physics.catalogue import NEEDS, catalogue, left_out
 from scpjax.physics.structure import Structure
 
 SOURCE = Path(scpjax.__file__).parent
@@ -28,7 +28,6 @@ RANK = {
     "cli": 8,
 }
 FILES = sorted(p for p in SOURCE.rglob("*.py") if p != SOURCE / "__init__.py")
-NEEDS = {"electric", "thermal", "mechanical", "temperature_output", "displacement_output", "joint"}
 
 
 def room(path: Path) -> str:
@@ -87,7 +86,8 @@ def test_mechanism_is_complete(name):
 
 @pytest.mark.parametrize("m", left_out(), ids=lambda m: m.name)
 def test_left_out_mechanism_can_be_tried(m):
-    assert set(m.needs) <= NEEDS
+    assert set(m.needs) <= set(NEEDS)
+    assert all(0 <= law < len(m.laws) and set(needs) <= set(NEEDS) for law, needs in m.law_needs.items())
     assert m.starts, "a search needs a start"
     assert len(m.laws) >= 1
     for start in m.starts:

@@ -257,7 +257,8 @@ def _linear(model: Model, dt: Array | float) -> Advance:
 
 
 def _exponential(model: Model, dt: Array | float, substeps: int) -> Advance:
-    balances, at = model.balances(), _velocity(model)
+    step = jnp.asarray(dt / substeps)
+    balances, at = model.balances(step=step), _velocity(model)
 
     def rates(z: States, drive: Any) -> States:
         effort, load = drive
@@ -266,13 +267,12 @@ def _exponential(model: Model, dt: Array | float, substeps: int) -> Advance:
             found[at] = found[at] + load / balances.moving_mass
         return found
 
-    a, _ = model.linearise()
-    step = etd2(rates, a, jnp.asarray(dt / substeps), pattern=coupling(model.structure))
+    take = etd2(rates, model.core(), step, pattern=coupling(model.structure))
 
     def advance(z: States, effort: tuple[Array, ...], load: Array | float) -> States:
         drive: Any = (jnp.stack(effort), load)
         for _ in range(substeps):
-            z = step(z, drive)
+            z = take(z, drive)
         return z
 
     return advance

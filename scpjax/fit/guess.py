@@ -25,6 +25,7 @@ class Scales:
     duration: float  # s
     temperature: float  # K, greatest excess (of the model's start)
     displacement: float  # m, greatest travel
+    drive: float = 1.0  # V (or A), greatest drive: root of the greatest effort
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,8 @@ def guess_base(
         if last in outputs:
             x = outputs[last] * (s.pulley_radius or 1.0)
             travel = float(np.max(np.abs(x - np.median(x[: max(len(x) // 200, 1)])))) or 1.0
-    scales = Scales(response, max(q.duration for q in recordings), float(max(peak, 1e-9)), travel)
+    drive = float(np.sqrt(np.max(np.abs(e)))) or 1.0
+    scales = Scales(response, max(q.duration for q in recordings), float(max(peak, 1e-9)), travel, drive)
     return guesses, scales
 
 

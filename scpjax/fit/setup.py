@@ -137,7 +137,7 @@ def prepare(
     for r in recordings:
         check_informative(r)
     s = structure_for(recordings, model)
-    s = s.with_mechanisms(*(m for m in extra if _can_act(m, s, recordings)))
+    s = s.with_mechanisms(*(m for m in extra if applicable(m, what_there_is(s, recordings))))
     recordings, cut_notes = cut_long(recordings, s)
     if substeps is None:  # a band-limited drive bends within a sampling period
         substeps = 2 if any(r.hold == "band_limited" for r in recordings) else 1
@@ -173,16 +173,26 @@ def prepare(
     )
 
 
-def _can_act(m: Mechanism, s: Structure, recordings: Sequence[Recording]) -> bool:
-    """Whether a mechanism can act in this model and be seen by the sensors of these recordings."""
+def what_there_is(s: Structure, recordings: Sequence[Recording]) -> set[str]:
+    """What a model and the sensors of its recordings have of what mechanisms need (`catalogue.NEEDS`)."""
     temperature, displacement = measured(s, recordings)
-    return applicable(
-        m,
-        electric=s.drive in ("voltage", "pwm", "current"),
-        thermal=s.thermal,
-        mechanical=s.mechanical and displacement,
-        temperature_output=temperature,
-    )
+    there = {
+        "electric": s.drive in ("voltage", "pwm", "current"),
+        "voltage": s.drive in ("voltage", "pwm"),
+        "current": s.drive == "current",
+        "thermal": s.thermal,
+        "mechanical": s.mechanical and displacement,
+        "temperature_output": temperature,
+        "displacement_output": displacement,
+        "joint": len(s.sides) == 2,
+    }
+    return {need for need, given in there.items() if given}
+
+
+def laws_that_can_act(setup: Setup, m: Mechanism) -> list[int]:
+    """Which laws of a mechanism can act in this model and be seen by the sensors of these recordings."""
+    have = what_there_is(setup.structure, setup.recordings)
+    return [law for law in range(len(m.laws)) if applicable(m, have, law)]
 
 
 def _ambients(recordings: Sequence[Recording], s: Structure) -> tuple[list[float], tuple[str, ...]]:

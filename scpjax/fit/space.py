@@ -17,12 +17,13 @@ from scpjax.simulate.drive import drive_values, effort
 
 
 def null_values(s: Structure, scales: Scales) -> np.ndarray:
-    """Values at which every left-out mechanism vanishes, references set to the scale of the data."""
+    """Values at which every left-out mechanism vanishes, references (fixed, by their unit) set to the data's scales."""
+    measures = {"K": scales.temperature, "m": scales.displacement, "s": scales.duration, "V": scales.drive}
     out = []
     for slot in s.slots:
         p = slot.parameter
-        if p.fixed and p.name == "reference":
-            out.append(scales.temperature if p.unit == "K" else scales.displacement)
+        if p.fixed and p.name.startswith("reference"):
+            out.append(measures[p.unit])
         elif p.null is None:
             out.append(np.nan)
         else:

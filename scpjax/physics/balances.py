@@ -26,11 +26,21 @@ Number = Array | np.ndarray | float
 class Balances:
     """Energy and force balances and sensors of one model, with its numbers put in.
 
-    One actuator sees scalars, a joint arrays (2,) of agonist and antagonist.
+    One actuator sees scalars, a joint arrays (2,) of agonist and antagonist. ``step`` [s] is that of the integrator
+    that will ask, if it looks ahead; ``core`` leaves out what `Mechanism.resistance` keeps out of the linear core.
     """
 
-    def __init__(self, structure: Structure, theta: Array, laws: Array, ambient: Array):
+    def __init__(
+        self,
+        structure: Structure,
+        theta: Array,
+        laws: Array,
+        ambient: Array,
+        step: Array | float = 0.0,
+        core: bool = False,
+    ):
         self.structure, self.ambient, self.dtype = structure, ambient, theta.dtype
+        self.step, self.core = step, core
         self.sides = len(structure.sides)
         self.values: list[Values] = []
         self.shared: dict[str, Array] = {}  # base parameters that mechanisms refer to: stiffness, thermal_mass
@@ -72,7 +82,8 @@ class Balances:
     def _net(self, forces: Array) -> Array:
         return forces if self.sides == 1 else forces[0] - forces[1]
 
-    def _view(self, z: States, effort: Array) -> tuple[View, list[tuple[Array, ...]]]:
+    def _view(self, z: States, effort: Array, reaching: bool = False) -> tuple[View, list[tuple[Array, ...]]]:
+        """What mechanisms see, and their own states; ``reaching``: the effort given is that which reaches the wire."""
         s, at = self.sides, 0
         effort = jnp.reshape(effort, self._shape)
         if self.structure.thermal:
@@ -88,7 +99,11 @@ class Balances:
         for m in self.structure.mechanisms:
             owns.append(tuple(self._join(z[at + i * s : at + (i + 1) * s]) for i in range(len(m.states))))
             at += s * len(m.states)
-        view = View(self.ambient, effort, temperature, x, v, shared=self.shared)
+        view = View(self.ambient, effort, temperature, x, v, shared=self.shared, mass=self.moving_mass, step=self.step)
+        if self.structure.timed:
+            view.time = z[at]
+        if not reaching:
+            view.effort = self._fold("effort", effort, view, owns)
         view.felt = view.actuating = temperature
         view.deflection = x
         return view, owns
@@ -100,12 +115,12 @@ class Balances:
                 start = getattr(m, hook)(p, view, *extra, start)
         return start
 
-    def _sum(self, hook: str, view: View, owns: list) -> Array:
+    def _sum(self, hook: str, view: View, owns: list, *extra: Array) -> Array:
         total = None
         for m, p, own in zip(self.structure.mechanisms, self.values, owns, strict=True):
             if _has(m, hook):
                 view.own = own
-                term = jnp.asarray(getattr(m, hook)(p, view))
+                term = jnp.asarray(getattr(m, hook)(p, view, *extra))
                 total = term if total is None else total + term
         return jnp.zeros(self._shape, self.dtype) if total is None else total
 
@@ -116,7 +131,10 @@ class Balances:
     def _force(self, view: View, owns: list) -> Array:
         view.actuating = self._fold("actuating_temperature", view.temperature, view, owns)
         view.deflection = self._fold("deflection", view.displacement, view, owns)
-        return self._net(self._sum("force", view, owns))
+        force = self._net(self._sum("force", view, owns))
+        if self.core or not any(_has(m, "resistance") for m in self.structure.mechanisms):
+            return force
+        return force + self._net(self._sum("resistance", view, owns, self._signed(force)))
 
     # -- evaluation ----------------------------------------------------------------------------------------------
 
@@ -136,6 +154,8 @@ class Balances:
             view.own = own
             for rate in m.rates(p, view) if m.states else ():
                 parts += self._each(jnp.asarray(rate))
+        if self.structure.timed:
+            parts.append(jnp.ones((), self.dtype))
         return parts
 
     def observe(self, z: States, effort: Float[Array, " sides"]) -> list[Array]:
@@ -174,17 +194,24 @@ class Balances:
     def holding(self, z: States, first: Float[Array, " sides"]) -> Float[Array, " sides"]:
         """Effort that keeps the heated nodes of a state as warm as they are, as if it had long been so.
 
-        Of a model without an energy balance: the ``first`` one recorded. Power is linear in the effort.
+        Of a model without an energy balance: the ``first`` one recorded. Power is linear in the effort that reaches
+        the wire.
         """
         if not self.structure.thermal:
             return first
         flows = []
         for effort in (jnp.zeros(self.sides, self.dtype), jnp.ones(self.sides, self.dtype)):
-            view, owns = self._view(z, effort)
+            view, owns = self._view(z, effort, reaching=True)
             self._heat(view, owns)
             flows.append(jnp.broadcast_to(view.heat, (self.sides,)))
         found = -flows[0] / (flows[1] - flows[0])
-        return found if self.structure.drive == "gain" else jnp.maximum(found, 0.0)
+        if self.structure.drive != "gain":
+            found = jnp.maximum(found, 0.0)
+        asked, (view, owns) = jnp.reshape(found, self._shape), self._view(z, found, reaching=True)
+        for m, p, own in reversed(list(zip(self.structure.mechanisms, self.values, owns, strict=True))):
+            view.own = own
+            asked = m.effort_for(p, view, asked)
+        return jnp.reshape(asked, (self.sides,))
 
     def initial(
         self, temperature: Number = 0.0, displaced: Number = 0.0, velocity: Number = 0.0, effort: Number = 0.0
@@ -195,17 +222,18 @@ class Balances:
         n_own = sum(self.sides * len(m.states) for m in self.structure.mechanisms)
         heat = [warm[i] for i in range(self.sides)] if self.structure.thermal else []
         zero = jnp.zeros((), self.dtype)
+        clock = [zero] if self.structure.timed else []
 
         def at(x: Array, v: Array) -> list[Array]:
             """State at a coordinate, own states as after a long time there."""
             moving = [x, v] if self.structure.mechanical else []
-            view, owns = self._view([*heat, *moving, *[zero] * n_own], effort)
+            view, owns = self._view([*heat, *moving, *[zero] * n_own, *clock], effort)
             view.felt = self._fold("felt_temperature", view.temperature, view, owns)
             own: list[Array] = []
             for m, p in zip(self.structure.mechanisms, self.values, strict=True):
                 for start in m.initial(p, view) if m.states else ():
                     own += self._each(jnp.asarray(start))
-            return [*heat, *moving, *own]
+            return [*heat, *moving, *own, *clock]
 
         x = v = zero
         if self.structure.mechanical:

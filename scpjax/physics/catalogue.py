@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
+from collections.abc import Collection
 from functools import cache
 
 from scpjax.errors import ModelError
@@ -33,15 +34,19 @@ def mechanism(name: str) -> Mechanism:
 
 def left_out() -> tuple[Mechanism, ...]:
     """Mechanisms that a base model leaves out, by name."""
-    return tuple(m for _, m in sorted(catalogue().items()) if not m.is_base)
+    return tuple(m for _, m in sorted(catalogue().items()) if not (m.is_base or m.learned))
 
 
-def applicable(m: Mechanism, *, electric: bool, thermal: bool, mechanical: bool, temperature_output: bool) -> bool:
-    """Whether a mechanism can act in a model of that kind, seen through those sensors."""
-    have = {
-        "electric": electric,
-        "thermal": thermal,
-        "mechanical": mechanical,
-        "temperature_output": temperature_output,
-    }
-    return all(have[n] for n in m.needs)
+NEEDS = (
+    *("electric", "voltage", "current"),
+    *("thermal", "mechanical", "joint"),
+    *("temperature_output", "displacement_output"),
+)
+"""What a mechanism or law may need: a drive that is electric, in volts (or pwm), in amperes; an energy balance, a force
+balance, two actuators that pull against each other; a thermometer, a displacement or angle sensor."""
+
+
+def applicable(m: Mechanism, have: Collection[str], law: int | None = None) -> bool:
+    """Whether a mechanism (under a law, or under any) can act in a model that has those of `NEEDS`."""
+    laws = range(len(m.laws)) if law is None else (law,)
+    return set(m.needs) <= set(have) and any(set(m.law_needs.get(i, ())) <= set(have) for i in laws)

@@ -45,6 +45,9 @@ class View:
     felt: Array = field(default_factory=lambda: jnp.zeros(()))  # K above ambient, where the sensor touches
     actuating: Array = field(default_factory=lambda: jnp.zeros(()))  # K above ambient, that pulls
     deflection: Array = field(default_factory=lambda: jnp.zeros(()))  # m, that stretches the spring
+    time: Array | float = 0.0  # s since the recording began; for mechanisms with ``timed``
+    mass: Array | float = 0.0  # kg, all that moves, scalar
+    step: Array | float = 0.0  # s, of the integrator; 0 where there is none (see `Mechanism.resistance`)
     shared: dict[str, Array] = field(default_factory=dict)  # base parameters others refer to: stiffness, thermal_mass
 
 
@@ -53,9 +56,10 @@ class Mechanism(eqx.Module):
 
     Balances (thesis equations (3.2), (3.4)), for each actuator::
 
+        drive       effort = effort()(what the recording says)
         electric    power = effort * ... [W]
         energy      thermal_mass dT/dt = power + sum of heat()        [W]
-        force       mass d2x/dt2       = sum of force()               [N]
+        force       mass d2x/dt2       = sum of force() + resistance()  [N]
         sensors     reading = reading()(states)
     """
 
@@ -67,11 +71,14 @@ class Mechanism(eqx.Module):
     says: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     states: ClassVar[tuple[str, ...]] = ()
+    timed: ClassVar[bool] = False  # whether it looks at ``view.time``
     laws: ClassVar[tuple[str, ...]] = ("",)
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {}  # laws that a parameter belongs to, where not to all
-    needs: ClassVar[tuple[str, ...]] = ()  # of "electric", "thermal", "mechanical", "temperature_output", ...
+    needs: ClassVar[tuple[str, ...]] = ()  # of `scpjax.physics.catalogue.NEEDS`
+    law_needs: ClassVar[dict[int, tuple[str, ...]]] = {}  # what a law needs beyond that
     excited_by: ClassVar[str] = ""
     starts: ClassVar[tuple[tuple[float, ...], ...]] = ()  # physical (or time-relative) start values, per parameter
+    learned: ClassVar[bool] = False  # a closure: no physics with a name, and never a candidate for one
 
     @property
     def is_base(self) -> bool:
@@ -81,6 +88,14 @@ class Mechanism(eqx.Module):
     def free_parameters(self, law: int) -> tuple[Parameter, ...]:
         """What is estimated under a law (its index among ``laws``)."""
         return tuple(p for p in self.parameters if not p.fixed and law in self.only_under.get(p.name, (law,)))
+
+    def effort(self, p: Values, view: View, effort: Side) -> Side:
+        """Effort that reaches the wire, given what the mechanisms before made of it."""
+        return effort
+
+    def effort_for(self, p: Values, view: View, effort: Side) -> Side:
+        """Effort asked of the drive so that ``effort`` reaches the wire: the inverse of `effort`."""
+        return effort
 
     def power(self, p: Values, view: View, power: Side) -> Side:
         """Electric power [W] into the heated node, given what the mechanisms before made of it."""
@@ -108,6 +123,14 @@ class Mechanism(eqx.Module):
 
     def force(self, p: Values, view: View) -> Side | float:
         """Force [N] in the direction of contraction."""
+        return 0.0
+
+    def resistance(self, p: Values, view: View, force: Side) -> Side | float:
+        """Force [N] that opposes motion so abruptly that a step must look ahead, given the sum of all others.
+
+        It is kept out of the linear core. An integrator that steps by ``view.step`` takes it at the velocity that
+        the end of the step would have; with a step of 0 it is a force at ``view.velocity``.
+        """
         return 0.0
 
     def inertia(self, p: Values) -> Side | float:

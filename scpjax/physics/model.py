@@ -66,9 +66,9 @@ class Model(eqx.Module):
 
     # -- the balances --------------------------------------------------------------------------------------------
 
-    def balances(self) -> Balances:
-        """The balances with the values put in, to be evaluated many times."""
-        return Balances(self.structure, self.theta, self.laws, self.ambient)
+    def balances(self, *, step: Number = 0.0, core: bool = False) -> Balances:
+        """The balances with the values put in, to be evaluated many times; ``step`` and ``core`` as of `Balances`."""
+        return Balances(self.structure, self.theta, self.laws, self.ambient, jnp.asarray(step, self.theta.dtype), core)
 
     def rates(self, z: Float[Array, " n"], effort: Float[Array, " sides"]) -> Float[Array, " n"]:
         """Time derivative of the state under an effort (V^2, W, ... per side): thesis (3.2), (3.4), (3.7)."""
@@ -100,6 +100,16 @@ class Model(eqx.Module):
         z = jnp.zeros(n, self.theta.dtype) if z is None else z
         effort = jnp.zeros(s, self.theta.dtype) if effort is None else effort
         return jax.jacfwd(self.rates, argnums=(0, 1))(z, effort)
+
+    def core(self) -> Float[Array, "n n"]:
+        """A at rest without what `Mechanism.resistance` keeps out: the part that integrators take exactly."""
+        n = self.structure.n_states
+        still, balances = jnp.zeros(len(self.structure.sides), self.theta.dtype), self.balances(core=True)
+
+        def rates(z: Array) -> Array:
+            return jnp.stack(balances.rates([z[i] for i in range(n)], still))
+
+        return jax.jacfwd(rates)(jnp.zeros(n, self.theta.dtype))
 
     def __repr__(self) -> str:
         extra = [m.name for m in self.structure.mechanisms if not m.is_base]

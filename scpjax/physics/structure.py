@@ -1,7 +1,8 @@
 """What a model is made of: mechanisms, sides, drive; hashable, fixed when compiled.
 
 The state vector is ``[temperature of each side, x, dx/dt, own states of the mechanisms (each per side)]`` with the
-first part there in thermal models and the second in mechanical ones.
+first part there in thermal models and the second in mechanical ones. Where a mechanism looks at the time, it is the
+last state.
 """
 
 from __future__ import annotations
@@ -107,7 +108,12 @@ class Structure:
         names += ["displacement", "velocity"] if self.mechanical else []
         for m in self.mechanisms:
             names += [f"{m.name}.{state}{t}" for state in m.states for t in tail]
-        return tuple(names)
+        return (*names, "time") if self.timed else tuple(names)
+
+    @property
+    def timed(self) -> bool:
+        """Whether the time since the recording began is a state."""
+        return any(m.timed for m in self.mechanisms)
 
     @property
     def n_states(self) -> int:

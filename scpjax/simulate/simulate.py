@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from scpjax.errors import ModelError
-from scpjax.physics.balances import coupling
+from scpjax.physics.balances import Balances, coupling
 from scpjax.physics.mechanism import Mechanism
 from scpjax.physics.model import Model
 from scpjax.recordings.recording import Recording
@@ -66,12 +66,10 @@ def stepper(
     if any(type(m).delay is not Mechanism.delay for m in model.structure.mechanisms):
         before = model.balances().holding(_apart(z0), nodes[0, 0])
         nodes = delayed(nodes, step, model.delay(), grid.constant, before)
-    a, _ = model.linearise()
-    pattern = coupling(model.structure)
-    rates = model.balances().rates
+    a, pattern = model.core(), coupling(model.structure)
     if order == 2 and grid.constant:
-        return etd2(rates, a, step, pattern=pattern), nodes[:, 0, :]
-    return etd4(rates, a, step, pattern=pattern), nodes
+        return etd2(model.balances(step=step).rates, a, step, pattern=pattern), nodes[:, 0, :]
+    return etd4(model.balances(step=step / 2).rates, a, step, pattern=pattern), nodes
 
 
 def node_states(model: Model, grid: Grid, z0: Float[Array, " states"], *, order: int = 2) -> tuple[Array, Array]:
@@ -137,16 +135,19 @@ def energy_balance(model: Model, recording: Recording, *, initial: Array | None 
 
 @jax.jit
 def _heats(model: Model, grid: Grid, z0: Array) -> dict[str, Array]:
-    step, nodes, balances = jnp.asarray(grid.step), jnp.asarray(grid.effort), model.balances()
+    step, nodes = jnp.asarray(grid.step), jnp.asarray(grid.effort)
+    balances, core = model.balances(step=step), model.balances(core=True)
     nodes = delayed(nodes, step, model.delay(), grid.constant, balances.holding(_apart(z0), nodes[0, 0]))
 
-    def rates(z: list[Array], u: Array) -> list[Array]:
+    def rates(z: list[Array], u: Array, balances: Balances = balances) -> list[Array]:
         power, lost, _ = balances.heat_flows(z[:-2], u)
         return [*balances.rates(z[:-2], u), power, lost]
 
     n, sides = model.structure.n_states, len(model.structure.sides)
     z_all = jnp.concatenate([z0, jnp.zeros(2, z0.dtype)])
-    a = jax.jacfwd(lambda z: jnp.stack(rates([z[i] for i in range(n + 2)], jnp.zeros(sides))))(jnp.zeros_like(z_all))
+    a = jax.jacfwd(lambda z: jnp.stack(rates([z[i] for i in range(n + 2)], jnp.zeros(sides), core)))(
+        jnp.zeros_like(z_all)
+    )
     dense = ((True,) * (n + 2),) * (n + 2)
     end = all_nodes(etd4(rates, a, step, pattern=dense), z_all, nodes)[-1]
     stored = [balances.heat_flows(z, nodes[i, j])[2] for z, i, j in ((z0, 0, 0), (end[:-2], -1, 2))]

@@ -24,20 +24,37 @@ PLANT = presets.plant(**PARAMETERS)
 
 # a value far from null for each left-out mechanism; one not listed here takes its first start value
 ACTIVE = {
+    "ambient_drift": {"drift": 0.4, "time_constant": 1.5, "reference": 20.0, "reference_time": 6.0},
+    "antagonist_load": {"strength": 0.7, "onset": 0.4, "length": 0.5, "reference": 0.0025},
     "creep": {"compliance": 0.3, "time_constant": 2.0, "slow_compliance": 0.2, "slow_ratio": 4.0},
+    "drive_dead_zone": {"threshold": 0.3, "reference": 10.0},
+    "fatigue": {"loss": 0.8, "reference": 0.0005, "reference_temperature": 20.0, "reference_time": 6.0},
+    "friction": {"strength": 0.2, "velocity_time": 10.0, "static": 0.5, "reference": 0.0025},
     "hysteresis": {"strength": 0.4, "width": 0.15},
     "input_delay": {"time": 0.1},
     "nonlinear_heat_loss": {"strength": 0.8, "exponent": 0.6},
+    "nonlinear_thermal_force": {"growth": 0.6, "transition": 0.5, "reference": 20.0},
     "nonlinear_stiffness": {"quadratic": 0.3, "cubic": 0.4},
     "resistance_temperature": {"coefficient": 0.004},
+    "sensor_drift": {
+        "drift": 0.5,
+        "time_constant": 2.0,
+        "reference": 0.0025,
+        "reference_temperature": 20.0,
+        "reference_time": 6.0,
+    },
     "sensor_lag": {"time_constant": 0.3},
+    "slack": {"gap": 0.2, "reference": 0.0025},
+    "supply_sag": {"sag": 0.4, "time_constant": 2.0, "reference": 10.0, "reference_time": 6.0},
+    "thermal_softening": {"softening": 0.4, "transition": 0.5, "width": 0.2, "reference": 20.0},
     "two_node_thermal": {"share": 0.4, "time_constant": 0.3},
 }
 # their equations have kinks even where the mechanism is at null, so each gets a structure of its own
-KINKED = ("hysteresis", "friction", "slack", "supply_sag", "drive_dead_zone")
+KINKED = ("antagonist_load", "drive_dead_zone", "fatigue", "friction", "hysteresis", "slack", "supply_sag")
 
-LEFT_OUT = [m.name for m in left_out()]
-CASES = [(m.name, law) for m in left_out() for law in range(len(m.laws))]
+ALONE = [m for m in left_out() if "joint" not in m.needs]  # what one actuator can have
+LEFT_OUT = [m.name for m in ALONE]
+CASES = [(m.name, law) for m in ALONE for law in range(len(m.laws))]
 
 
 def case_id(case: tuple[str, int]) -> str:

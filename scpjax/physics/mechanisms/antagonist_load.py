@@ -1,0 +1,109 @@
+"""Something that pulls back: a spring that engages on the way, a rubber band, another muscle."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from scpjax.parameter import Parameter
+from scpjax.physics.mechanism import Mechanism, Side, Values, View
+from scpjax.physics.smooth import ramp
+
+ROUND = 0.02  # of the reference displacement: how gradually a spring engages
+STRETCHED = 1.1  # stretch of the rubber band at rest: it never hangs loose
+SHORTEST = 0.3  # least stretch that the law of rubber is used for
+
+
+class AntagonistLoad(Mechanism):
+    name = "antagonist_load"
+    title = "Something pulls back"
+    subsystem = "thermomechanical"
+    equation = (
+        "law one-sided spring: F = -a k (x - x_0) beyond x_0;  law hardening: F = -a k (x - x_0)^2/x_ref beyond x_0;  "
+        "law rubber band: F = -a k L (f(s) - f(s_0)), f = (s - 1/s^2)(1 + 1/s)/f'(s_0), s = s_0 + x/L, s_0 = 1.1"
+    )
+    source = (
+        "unilateral spring: Shaw, Holmes, J. Sound Vib. 90 (1983) 129; Hertzian hardening: Johnson, Contact Mechanics; "
+        "rubber: Mooney, J. Appl. Phys. 11 (1940) 582, with equal constants"
+    )
+    says = "A second spring, a rubber band or another muscle takes up part of the pull, and not in proportion."
+    needs = ("mechanical",)
+    excited_by = "steady states from small to large displacements"
+    laws = ("one-sided spring", "hardening", "rubber band")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"onset": (0, 1), "length": (2,)}
+    parameters = (
+        Parameter(
+            name="strength",
+            symbol="a",
+            unit="1",
+            description="stiffness as a share of k: engaged, at the reference displacement beyond its onset, or of the "
+            "rubber band at rest",
+            typical=0.5,
+            bounds=(0.003, 300.0),
+            null=0.0,
+            spread=1.5,
+        ),
+        Parameter(
+            name="onset",
+            symbol="x_0",
+            unit="1",
+            description="displacement at which it engages, as a share of the reference displacement",
+            typical=0.5,
+            bounds=(0.01, 1.5),
+            null=0.5,
+            spread=0.7,
+        ),
+        Parameter(
+            name="length",
+            symbol="L",
+            unit="1",
+            description="length of the rubber band, as a multiple of the reference displacement",
+            typical=1.0,
+            bounds=(0.03, 30.0),
+            null=1.0,
+            spread=1.0,
+        ),
+        Parameter(
+            name="reference",
+            symbol="x_ref",
+            unit="m",
+            description="greatest travel that was seen",
+            typical=0.01,
+            bounds=(1e-12, 1e12),
+            null=0.01,
+            fixed=True,
+        ),
+    )
+    starts = ((0.7, 0.5, 1.0, 0.0), (2.0, 0.75, 0.2, 0.0))
+
+    def force(self, p: Values, view: View) -> Side:
+        stretch = jnp.maximum(STRETCHED + view.displacement / (p.reference * p.length), SHORTEST)
+        rubber = p.length * (_rubber(stretch) - _rubber(STRETCHED)) / _SLOPE
+        return jnp.where(p.law == 2, -p.strength, 0.0) * view.shared["stiffness"] * p.reference * rubber
+
+    def resistance(self, p: Values, view: View, force: Side) -> Side:
+        """Of the springs that engage, at the displacement that a step would end at: y beyond the onset.
+
+        With b the displacement [m/N] by which the load, held by the base spring, yields to a force within the step,
+        y + b k a y = y_free (or b k a y^2/x_ref); for a step of 0, b = 0 and y = x - x_0.
+        """
+        step, still = view.step, jnp.ones_like(view.displacement)
+        stiffness, damping = (jnp.sum(view.shared[name] * still) for name in ("stiffness", "damping"))
+        ahead = view.mass + step * damping
+        yields = step * step / (ahead + step * step * stiffness)
+        end = view.displacement + yields * force + step * ahead * view.velocity / (ahead + step * step * stiffness)
+        free = ramp(end / p.reference, p.onset, jnp.asarray(ROUND, end.dtype))
+        back = p.strength * view.shared["stiffness"]
+        share = yields * back
+        linear = free / (1.0 + share)
+        square = 2.0 * free / (1.0 + jnp.sqrt(1.0 + 4.0 * share * jnp.maximum(free, 0.0)))
+        engaged = jnp.where(p.law == 0, linear, square * square)
+        return jnp.where(p.law == 2, 0.0, -back) * p.reference * engaged
+
+
+def _rubber(s: Side | float) -> Side | float:
+    """(s - 1/s^2)(1 + 1/s): Mooney's law for uniaxial stretch with equal constants."""
+    return (s - 1.0 / s**2) * (1.0 + 1.0 / s)
+
+
+_SLOPE = 1.0 + 2.0 / STRETCHED**3 + (3.0 / STRETCHED**4)
+"""Its derivative at rest: of s + 1 - 1/s^2 - 1/s^3."""

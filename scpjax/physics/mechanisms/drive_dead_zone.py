@@ -1,0 +1,65 @@
+"""A drive stage through which small drives do not come."""
+
+import jax.numpy as jnp
+
+from scpjax.parameter import Parameter
+from scpjax.physics.mechanism import Mechanism, Side, Values, View
+from scpjax.physics.smooth import clipped, root
+
+ROUND = 0.1  # of the threshold: the width of the corner under law threshold
+TOP = 100.0  # greatest (V_0/V)^2 that need be told from infinity
+
+
+class DriveDeadZone(Mechanism):
+    name = "drive_dead_zone"
+    title = "Small drives do not reach the wire"
+    subsystem = "drive"
+    equation = (
+        "law threshold: V_wire = max(|V| - V_0, 0), corner rounded over V_0/10;  "
+        "law gate: V_wire = V / sqrt(1 + (V_0/V)^16): V above V_0, nothing below"
+    )
+    source = (
+        "dead zone of an actuator: Tao, Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities "
+        "(1996), ch. 2; threshold: base-emitter drop of a Darlington stage; gate: undervoltage lockout of a driver"
+    )
+    says = "Nothing reaches the wire until the drive exceeds a threshold."
+    needs = ("electric",)
+    excited_by = "small drives beside large ones"
+    laws = ("threshold", "gate")
+    parameters = (
+        Parameter(
+            name="threshold",
+            symbol="V_0",
+            unit="1",
+            description="drive (volts, or amperes) below which nothing passes, as a share of the greatest drive",
+            typical=0.15,
+            bounds=(0.003, 0.95),
+            null=0.0,
+            spread=1.5,
+        ),
+        Parameter(
+            name="reference",
+            symbol="V_ref",
+            unit="V",
+            description="greatest drive (volts, or amperes)",
+            typical=3.7,
+            bounds=(1e-9, 1e9),
+            null=3.7,
+            fixed=True,
+        ),
+    )
+    starts = ((0.1, 0.0), (0.35, 0.0))
+
+    def effort(self, p: Values, view: View, effort: Side) -> Side:
+        limit = p.threshold * p.reference
+        volts = root(effort)
+        passed = volts - clipped(volts, limit, ROUND * limit)
+        odds = jnp.minimum(limit**2 / (effort + 1e-6 * p.reference**2), TOP)
+        for _ in range(3):
+            odds = odds * odds
+        return jnp.where(p.law == 0, passed**2, effort / (1.0 + odds))
+
+    def effort_for(self, p: Values, view: View, effort: Side) -> Side:
+        limit = p.threshold * p.reference
+        # but for the rounded corner
+        return jnp.where(p.law == 0, jnp.where(effort > 0, (root(effort) + limit) ** 2, 0.0), effort)

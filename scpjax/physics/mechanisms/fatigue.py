@@ -1,0 +1,84 @@
+"""A coil that pulls less and less the more it has been used."""
+
+import jax.numpy as jnp
+
+from scpjax.parameter import Parameter
+from scpjax.physics.mechanism import Mechanism, Side, Values, View
+
+STROKES = 10.0  # travels of the reference displacement for which the loss is stated
+
+
+class Fatigue(Mechanism):
+    name = "fatigue"
+    title = "The coil tires"
+    subsystem = "thermomechanical"
+    equation = (
+        "F = C T / (1 + a w), w = 0 at the start;  law strokes: dw/dt = |v|/(10 x_ref);  "
+        "law heat: dw/dt = max(T, 0)/(T_ref t_ref);  law time: w = t/t_ref"
+    )
+    source = (
+        "loss of stroke over cycles of twisted and coiled nylon: Haines et al., Science 343 (2014) 868; annealing "
+        "under load: Struik, Physical Aging in Amorphous Polymers and Other Materials, ch. 4"
+    )
+    says = "With every stroke, or every hot minute, the coil's pull grows weaker."
+    needs = ("mechanical",)
+    excited_by = "the same input again and again"
+    timed = True
+    laws = ("strokes", "heat", "time")
+    states = ("wear",)
+    parameters = (
+        Parameter(
+            name="loss",
+            symbol="a",
+            unit="1",
+            description="loss of force, as a share of what is left, after ten travels of the reference displacement "
+            "(strokes), the reference time at the reference excess (heat), the reference time (time)",
+            typical=0.3,
+            bounds=(0.003, 30.0),
+            null=0.0,
+            spread=1.5,
+        ),
+        Parameter(
+            name="reference",
+            symbol="x_ref",
+            unit="m",
+            description="displacement that counts as a travel",
+            typical=0.01,
+            bounds=(1e-12, 1e12),
+            null=0.01,
+            fixed=True,
+        ),
+        Parameter(
+            name="reference_temperature",
+            symbol="T_ref",
+            unit="K",
+            description="temperature excess at which the loss is stated",
+            typical=50.0,
+            bounds=(1e-6, 1e9),
+            null=50.0,
+            fixed=True,
+        ),
+        Parameter(
+            name="reference_time",
+            symbol="t_ref",
+            unit="s",
+            description="time for which the loss is stated",
+            typical=100.0,
+            bounds=(1e-9, 1e9),
+            null=100.0,
+            fixed=True,
+        ),
+    )
+    starts = ((0.3, 0.0, 0.0, 0.0),)
+
+    def force(self, p: Values, view: View) -> Side:
+        wear = p.loss * jnp.where(p.law == 2, view.time / p.reference_time, view.own[0])
+        return -view.shared["coefficient"] * view.actuating * wear / (1.0 + wear)
+
+    def rates(self, p: Values, view: View) -> tuple[Side, ...]:
+        strokes = jnp.abs(view.velocity) / (STROKES * p.reference)
+        heat = jnp.maximum(view.temperature, 0.0) / (p.reference_temperature * p.reference_time)
+        return (jnp.where(p.law == 0, strokes, heat),)
+
+    def initial(self, p: Values, view: View) -> tuple[Side, ...]:
+        return (jnp.zeros_like(view.displacement),)

@@ -1,0 +1,94 @@
+"""Dry friction: a force that opposes motion, however slow."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from scpjax.parameter import Parameter
+from scpjax.physics.mechanism import Mechanism, Side, Values, View
+
+CORNER = 0.1  # makes s(u) tanh(u) to within 0.05
+FASTER = 10.0  # velocity, in velocity scales, at which half of the extra friction at rest is gone
+
+
+class Friction(Mechanism):
+    name = "friction"
+    title = "Dry friction"
+    subsystem = "thermomechanical"
+    equation = (
+        "F = -F_c s(v/v_s), F_c = f k x_ref, v_s = x_ref/t_s, and s, nearly tanh, by u = s + 0.1 s |s|/(1 - |s|);  "
+        "law Stribeck: F_c (1 + b / (1 + (v/(10 v_s))^2))"
+    )
+    source = (
+        "Coulomb and Stribeck friction: Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083; "
+        "taken at the velocity of the end of a step: Kikuuwe et al., IEEE Trans. Robot. 22 (2006) 1176"
+    )
+    says = "The load sticks until the pull exceeds the friction, then slides: it always lags behind."
+    needs = ("mechanical",)
+    excited_by = "slow reversals"
+    laws = ("Coulomb", "Stribeck")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"static": (1,)}
+    parameters = (
+        Parameter(
+            name="strength",
+            symbol="f",
+            unit="1",
+            description="friction, as a share of the spring's force at the reference displacement",
+            typical=0.05,
+            bounds=(0.001, 3.0),
+            null=0.0,
+            spread=1.5,
+        ),
+        Parameter(
+            name="velocity_time",
+            symbol="t_s",
+            unit="s",
+            description="time in which the reference displacement is passed at the velocity scale v_s = x_ref/t_s",
+            typical=30.0,
+            bounds=(0.3, 3000.0),
+            null=30.0,
+            spread=2.0,
+            time="response",
+        ),
+        Parameter(
+            name="static",
+            symbol="b",
+            unit="1",
+            description="extra friction at rest, as a share of that when sliding (law Stribeck)",
+            typical=0.3,
+            bounds=(0.01, 5.0),
+            null=0.3,
+            spread=1.0,
+        ),
+        Parameter(
+            name="reference",
+            symbol="x_ref",
+            unit="m",
+            description="displacement at which friction and velocity scale are stated",
+            typical=0.01,
+            bounds=(1e-12, 1e12),
+            null=0.01,
+            fixed=True,
+        ),
+    )
+    starts = ((0.05, 30.0, 0.3, 0.0), (0.2, 30.0, 0.3, 0.0))
+
+    def resistance(self, p: Values, view: View, force: Side) -> Side:
+        """At the velocity u of a step's end, as if ``m (u - v)/step = force - damping (u - v)/2 + friction(u)``.
+
+        With a = m/step + damping/2 and G = force + a v that is ``a u + F_c s(u/v_s) = G``, for this s a quadratic
+        equation; for a step of 0, u = v. Over a long step a load that ought to stick has already followed its pull
+        when the step is looked at again: a >= k step takes it back.
+        """
+        step, still = view.step, jnp.ones_like(view.velocity)
+        slow = p.reference / p.velocity_time
+        dry = p.strength * view.shared["stiffness"] * p.reference
+        past = view.velocity / (FASTER * slow)
+        dry = jnp.where(p.law == 1, dry * (1.0 + p.static / (1.0 + past * past)), dry)
+        damping, stiffness = (jnp.sum(view.shared[name] * still) for name in ("damping", "stiffness"))
+        ahead = jnp.maximum(view.mass + 0.5 * step * damping, step * step * stiffness)  # a, times the step
+        held, viscous = step * jnp.sum(dry * still), ahead * slow
+        wanted = step * force + ahead * view.velocity
+        size = jnp.abs(wanted)
+        left = held + viscous - size
+        return -2.0 * dry * wanted / (held + viscous + size + jnp.sqrt(left * left + 4.0 * CORNER * viscous * size))

@@ -1,0 +1,73 @@
+"""A thermal force that does not grow in proportion to the temperature."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from scpjax.parameter import Parameter
+from scpjax.physics.mechanism import Mechanism, Side, Values, View
+from scpjax.physics.smooth import ramp
+
+WIDTH = 0.1  # of the reference excess: how gradually the coefficient changes at the glass transition
+
+
+class NonlinearThermalForce(Mechanism):
+    name = "nonlinear_thermal_force"
+    title = "Force is not proportional to temperature"
+    subsystem = "thermomechanical"
+    equation = (
+        "law quadratic: F = C T (1 + a T/T_ref);  law saturating: F = C T / sqrt(1 + a (T/T_ref)^2);  "
+        "law threshold: F = C (T + a ramp(T - T_g)), the ramp's corner rounded over T_ref/10"
+    )
+    source = (
+        "expansion of drawn nylon grows with temperature, with a change at the glass transition: "
+        "Haines et al., Science 343 (2014) 868; Choy, Chen, Young, J. Polym. Sci. B 19 (1981) 335"
+    )
+    says = "Each further degree pulls harder (or less hard) than the one before."
+    needs = ("mechanical",)
+    excited_by = "steady states at several voltages"
+    laws = ("quadratic", "saturating", "threshold")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"transition": (2,)}
+    parameters = (
+        Parameter(
+            name="growth",
+            symbol="a",
+            unit="1",
+            description="relative change of the coefficient: at the reference excess (quadratic), of its inverse "
+            "square there (saturating), beyond the transition (threshold)",
+            typical=0.0,
+            bounds=(-0.95, 10.0),
+            null=0.0,
+            scale="linear",
+            spread=1.0,
+        ),
+        Parameter(
+            name="transition",
+            symbol="T_g",
+            unit="1",
+            description="temperature excess of the transition, as a share of the reference (law threshold)",
+            typical=0.4,
+            bounds=(0.02, 1.5),
+            null=0.4,
+            spread=0.7,
+        ),
+        Parameter(
+            name="reference",
+            symbol="T_ref",
+            unit="K",
+            description="temperature excess at which the relative change is stated",
+            typical=50.0,
+            bounds=(1e-6, 1e9),
+            null=50.0,
+            fixed=True,
+        ),
+    )
+    starts = ((0.4, 0.4, 0.0), (-0.3, 0.5, 0.0))
+
+    def force(self, p: Values, view: View) -> Side:
+        t = view.actuating / p.reference
+        quadratic = p.growth * t * t
+        saturating = t / jnp.sqrt(jnp.maximum(1.0 + p.growth * t * t, 0.05)) - t
+        threshold = p.growth * ramp(t, p.transition, jnp.asarray(WIDTH, t.dtype))
+        more = jnp.where(p.law == 0, quadratic, jnp.where(p.law == 1, saturating, threshold))
+        return view.shared["coefficient"] * p.reference * more

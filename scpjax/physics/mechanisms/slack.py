@@ -1,0 +1,60 @@
+"""Slack in what couples the coil to the load."""
+
+import jax.numpy as jnp
+
+from scpjax.parameter import Parameter
+from scpjax.physics.mechanism import Mechanism, Quantity, Side, Values, View
+from scpjax.physics.smooth import clipped
+
+ROUND = 0.1  # of the gap: the width of its corners
+
+
+class Slack(Mechanism):
+    name = "slack"
+    title = "Slack in the tendon"
+    subsystem = "thermomechanical"
+    equation = (
+        "law tendon: the sensor's side moves by x - clip(x, -g, g);  "
+        "law pull: F = C T - clip(C T, -k g, k g);  corners rounded over g/10"
+    )
+    source = (
+        "dead zone of a slack cable: Tao, Kokotovic, Adaptive Control of Systems with Actuator and Sensor "
+        "Nonlinearities (1996), ch. 2; tendon slack in muscle models: Zajac, Crit. Rev. Biomed. Eng. 17 (1989) 359"
+    )
+    says = "The coil first has to take up the slack of its tendon before anything moves."
+    needs = ("mechanical",)
+    excited_by = "heating slowly from cold, and small steps about cold"
+    laws = ("tendon", "pull")
+    parameters = (
+        Parameter(
+            name="gap",
+            symbol="g",
+            unit="1",
+            description="contraction that only takes up slack, as a share of the greatest travel",
+            typical=0.15,
+            bounds=(0.003, 10.0),
+            null=0.0,
+            spread=1.5,
+        ),
+        Parameter(
+            name="reference",
+            symbol="x_ref",
+            unit="m",
+            description="greatest travel that was seen",
+            typical=0.01,
+            bounds=(1e-12, 1e12),
+            null=0.01,
+            fixed=True,
+        ),
+    )
+    starts = ((0.1, 0.0), (0.35, 0.0))
+
+    def force(self, p: Values, view: View) -> Side:
+        idle = jnp.where(p.law == 1, p.gap * p.reference, 0.0) * view.shared["stiffness"]
+        return -clipped(view.shared["coefficient"] * view.actuating, idle, ROUND * idle)
+
+    def reading(self, p: Values, view: View, quantity: Quantity, value: Side) -> Side:
+        if quantity != "displacement":
+            return value
+        gap = jnp.where(p.law == 0, p.gap * p.reference, 0.0)
+        return value - clipped(view.displacement, gap, ROUND * gap)

@@ -1,0 +1,77 @@
+"""A coil that is softer when it is hot."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from scpjax.parameter import Parameter
+from scpjax.physics.mechanism import Mechanism, Side, Values, View
+from scpjax.physics.smooth import rise
+
+
+class ThermalSoftening(Mechanism):
+    name = "thermal_softening"
+    title = "The hot coil is softer"
+    subsystem = "thermomechanical"
+    equation = (
+        "law linear: F = -k x (1 - a T/T_ref);  law glass transition: F = -k x (1 - a s(T)), "
+        "s from 0 to 1 about T_g over the width w"
+    )
+    source = (
+        "modulus of nylon against temperature, halved through its glass transition at 40 to 60 degC: "
+        "Ward, Sweeney, Mechanical Properties of Solid Polymers, ch. 5 and 7"
+    )
+    says = "Warm polymer is softer than cold polymer, so the coil's stiffness falls as it heats."
+    needs = ("mechanical",)
+    excited_by = "the same load at several temperatures"
+    laws = ("linear", "glass transition")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"transition": (1,), "width": (1,)}
+    parameters = (
+        Parameter(
+            name="softening",
+            symbol="a",
+            unit="1",
+            description="share of the stiffness that is lost: at the reference excess (linear), far beyond the "
+            "transition (glass transition)",
+            typical=0.3,
+            bounds=(0.003, 0.95),
+            null=0.0,
+            spread=1.5,
+        ),
+        Parameter(
+            name="transition",
+            symbol="T_g",
+            unit="1",
+            description="temperature excess of the transition, as a share of the reference",
+            typical=0.4,
+            bounds=(0.02, 1.5),
+            null=0.4,
+            spread=0.7,
+        ),
+        Parameter(
+            name="width",
+            symbol="w",
+            unit="1",
+            description="width of the transition, as a share of the reference excess",
+            typical=0.15,
+            bounds=(0.02, 1.0),
+            null=0.15,
+            spread=0.8,
+        ),
+        Parameter(
+            name="reference",
+            symbol="T_ref",
+            unit="K",
+            description="temperature excess at which the softening is stated",
+            typical=50.0,
+            bounds=(1e-6, 1e9),
+            null=50.0,
+            fixed=True,
+        ),
+    )
+    starts = ((0.3, 0.4, 0.15, 0.0),)
+
+    def force(self, p: Values, view: View) -> Side:
+        t = view.actuating / p.reference
+        lost = p.softening * jnp.where(p.law == 0, t, rise(t, p.transition, p.width))
+        return view.shared["stiffness"] * view.deflection * jnp.minimum(lost, 0.98)
