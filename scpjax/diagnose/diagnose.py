@@ -8,9 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from scpjax.diagnose.closure import Learned, describe, learn
 from scpjax.diagnose.holdout import Split, split
+from scpjax.diagnose.latent import missing
 from scpjax.diagnose.locate import locate, observe
-from scpjax.diagnose.result import Diagnosis, Named, Scores
+from scpjax.diagnose.result import Closure, Diagnosis, Latent, Named, Scores, Verdict
 from scpjax.diagnose.select import Choice, Evidence, Progress, choose
 from scpjax.diagnose.trials import State, residual_on, widest
 from scpjax.fit.colour import Whitener
@@ -31,6 +33,9 @@ from scpjax.physics.catalogue import left_out
 from scpjax.recordings.recording import Recording
 
 _AT_NOISE = 1.15  # ratio of residual to noise, in some column, up to which nothing more is asked for
+_LITTLE_LEFT = 0.03  # of the held-out misfit in excess of the noise: what names may leave unsought
+_MOST_LEFT = 0.4  # of it: names that leave more are not given
+_FAR_BETTER = 0.5  # ratio of what a closure without names leaves to what the names leave, below which they are false
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,8 +91,12 @@ def diagnose(
             choice.probability,
             choice.equivalents,
         )
+    learned = None
+    if level(choice.state, parts) > _AT_NOISE:
+        tell("learning what the catalogue does not hold", 0.75)
+        choice, learned = _closure(setup, parts, base, choice, options.evidence)
     tell("fitting the chosen model to all data", 0.85)
-    return _report(setup, parts, base, choice, notes, began, options)
+    return _report(setup, parts, base, choice, learned, notes, began, options)
 
 
 def _base(setup: Setup, width: int) -> tuple[Split, State, tuple[str, ...]]:
@@ -106,6 +115,39 @@ def _state(setup: Setup, parts: Split, names: tuple[str, ...], trial: Trial) -> 
     return State(names, trial, residual, float(np.sum(residual[parts.is_train] ** 2)))
 
 
+def level(state: State, parts: Split) -> float:
+    """RMS misfit in units of the noise, in the column where it is greatest."""
+    there = parts.is_train | parts.is_held
+    columns = [j for j in range(there.shape[2]) if there[..., j].any()]
+    return max(float(np.sqrt(np.mean(state.residual[..., j][there[..., j]] ** 2))) for j in columns)
+
+
+def _excess(state: State, where: np.ndarray) -> float:
+    """Sum of squares beyond what the noise makes."""
+    return max(float(np.sum(state.residual[where] ** 2) - where.sum()), 0.0)
+
+
+def _closure(setup: Setup, parts: Split, base: State, choice: Choice, rules: Evidence) -> tuple[Choice, Learned | None]:
+    """What is to be said when the named mechanisms do not reach the noise.
+
+    Names that leave much of the misfit are false if a closure without them predicts the held-out stretches far better,
+    or if they leave most of it. A closure is learned beyond the names that stay.
+    """
+    held = parts.is_held
+    whole, left = _excess(base, held), _excess(choice.state, held)
+    if left <= _LITTLE_LEFT * whole:
+        return choice, None
+    alone = learn(setup, base, parts, rules)
+    if not choice.state.names:
+        return choice, alone
+    nameless = Choice(base, choice.ranking, {}, {})
+    if alone is not None and _excess(alone.state, held) < _FAR_BETTER * left:
+        return nameless, alone
+    if left > _MOST_LEFT * whole:
+        return nameless, alone
+    return choice, learn(setup, choice.state, parts, rules)
+
+
 def _with_effort(parts: Split, data: Data) -> Split:
     effort = np.asarray(data.grids.effort)
     return Split(
@@ -122,22 +164,26 @@ def _report(
     parts: Split,
     base: State,
     choice: Choice,
+    learned: Learned | None,
     notes: tuple[str, ...],
     began: float,
     options: DiagnoseOptions,
 ) -> Diagnosis:
-    state = choice.state
+    problem, state = (learned.setup, learned.state) if learned else (setup, choice.state)
     held = np.where(parts.mask, np.asarray(parts.whole.weights), 0.0)
     train = np.asarray(parts.train.weights)
-    final, final_data = _final(setup, parts, state)
+    final, final_data = _final(problem, parts, state)
     base_final, _ = _final(setup, parts, base)
-    doubt = uncertainty(final, final_data, setup.space, coloured=final_data is parts.whole)
-    every = estimates(final, setup.space, doubt)
+    doubt = uncertainty(final, final_data, problem.space, coloured=final_data is parts.whole)
+    every = estimates(final, problem.space, doubt)
     binned = observe(setup, parts.whole, base.trial, base.residual)
+    lacking = missing(setup, parts.whole, base.trial, binned)
     named = _named(setup, choice, every)
-    where = locate(setup, binned, _subsystem(setup, choice, base, parts))
-    verdict, says = _verdict(state, parts, named)
+    closure = describe(learned, every) if learned else None
+    subsystem = closure.subsystem if closure and not named else _subsystem(setup, choice, lacking)
+    verdict, says = _verdict(choice.state, parts, named, closure)
     noise = noise_by_column(setup)
+    model = " + ".join((setup.structure.name, *choice.state.names, *(["closure"] if learned else [])))
     return Diagnosis(
         verdict=verdict,
         says=says,
@@ -148,20 +194,22 @@ def _report(
             noise,
         ),
         extended=Scores(
-            " + ".join((setup.structure.name, *state.names)),
-            scores(setup, parts.train, state.trial, train),
-            scores(setup, parts.whole, state.trial, held),
+            model,
+            scores(problem, parts.train, state.trial, train),
+            scores(problem, parts.whole, state.trial, held),
             noise,
         ),
-        location=where,
+        location=locate(setup, binned, subsystem, lacking),
         mechanisms=named,
         ranking=choice.ranking,
+        closure=closure,
+        missing=lacking,
         base_parameters={k: e for k, e in every.items() if k.split(".")[0] in setup.structure.base},
         not_identifiable=doubt.open_directions,
         notes=setup.notes + notes,
-        model=final_model(setup, final),
+        model=final_model(problem, final),
         base_model=final_model(setup, base_final),
-        traces=traces(setup, parts.whole, base.trial, state.trial, parts.mask),
+        traces=traces(setup, parts.whole, base.trial, state.trial, parts.mask, extended_setup=problem),
         seconds=time.monotonic() - began,
         settings={
             "files": [r.metadata.path or r.metadata.name for r in setup.recordings],
@@ -220,39 +268,29 @@ def _named(setup: Setup, choice: Choice, every: Mapping) -> tuple[Named, ...]:
     return tuple(out)
 
 
-def _subsystem(setup: Setup, choice: Choice, base: State, parts: Split) -> str:
-    """The balance of the mechanism that removes most; without one, that of the worst column."""
+def _subsystem(setup: Setup, choice: Choice, lacking: Sequence[Latent]) -> str:
+    """The balance of the mechanism that removes most; without one, that which best answers for the misfit."""
     if choice.state.names:
         return setup.structure.mechanism(choice.state.names[0]).subsystem
-    first = [r for r in choice.ranking if r.round == 1 and r.delta_bic > 0]
-    if first:
-        return setup.structure.mechanism(max(first, key=lambda r: r.delta_bic).name).subsystem
-    there = parts.is_train | parts.is_held
-    level = [np.sum(base.residual[..., j][there[..., j]] ** 2 - 1) for j in range(there.shape[2])]
-    n_t = len(setup.structure.sides) if setup.structure.thermal else 0
-    return "thermoelectric" if int(np.argmax(level)) < n_t else "thermomechanical"
+    return lacking[0].subsystem
 
 
-def _verdict(state: State, parts: Split, named: tuple[Named, ...]):
-    there = parts.is_train | parts.is_held
-    ratio = max(
-        float(np.sqrt(np.mean(state.residual[..., j][there[..., j]] ** 2)))
-        for j in range(there.shape[2])
-        if there[..., j].any()
-    )
+def _verdict(state: State, parts: Split, named: tuple[Named, ...], closure: Closure | None) -> tuple[Verdict, str]:
+    ratio = level(state, parts)
     names = " and ".join(m.title[0].lower() + m.title[1:] for m in named)
+    learned = f" Learned in its place: {closure.expression}." if closure else ""
     if not named and ratio <= _AT_NOISE:
         return "adequate", "Nothing is missing: at this noise the base model explains the recordings."
     if not named:
         return (
             "unexplained",
             f"Something is missing (the misfit is {ratio:.1f} times the noise) that no mechanism of the catalogue "
-            "explains.",
+            f"explains.{learned}",
         )
     if ratio <= _AT_NOISE:
         return "explained", f"Left out of the base model: {names}. With it the misfit is down to the noise."
     return (
         "unexplained",
         f"Left out of the base model: {names}; but the misfit is still {ratio:.1f} times the noise, so something "
-        "else is missing too.",
+        f"else is missing too.{learned}",
     )

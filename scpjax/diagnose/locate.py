@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from scpjax.diagnose.residual import independence, whiteness
-from scpjax.diagnose.result import Location, Window
+from scpjax.diagnose.result import Latent, Location, Window
 from scpjax.fit.data import Data
 from scpjax.fit.problem import Trial
 from scpjax.fit.setup import Setup
@@ -55,8 +56,11 @@ def observe(setup: Setup, data: Data, trial: Trial, residual: np.ndarray) -> Bin
     return Binned(residual, there, time, drive, warm, moved, speed)
 
 
-def locate(setup: Setup, b: Binned, subsystem: str) -> Location:
-    """Location of the misfit in excess of the noise. ``subsystem`` is the balance that evidence points to."""
+def locate(setup: Setup, b: Binned, subsystem: str, lacking: Sequence[Latent] = ()) -> Location:
+    """Location of the misfit in excess of the noise. ``subsystem`` is the balance that evidence points to.
+
+    What it depends on is read off the missing power, force or reading there, which does not lag behind its cause.
+    """
     excess = np.where(b.there, b.residual**2, 0.0)
     per_output = np.array([excess[..., j].sum() - b.there[..., j].sum() for j in range(excess.shape[2])])
     worst = int(np.argmax(per_output))
@@ -66,7 +70,7 @@ def locate(setup: Setup, b: Binned, subsystem: str) -> Location:
         column=columns[worst],
         windows=_windows(setup, b, excess[..., worst], b.there[..., worst]),
         regimes=_regimes(b, excess[..., worst], b.there[..., worst]),
-        depends_on=_depends(b, worst),
+        depends_on=_dependence(b, worst, subsystem, lacking),
         whiteness={
             columns[j]: whiteness(b.residual[..., j], b.there[..., j])
             for j in range(len(columns))
@@ -78,6 +82,11 @@ def locate(setup: Setup, b: Binned, subsystem: str) -> Location:
             if b.there[..., j].any()
         },
     )
+
+
+def _dependence(b: Binned, worst: int, subsystem: str, lacking: Sequence[Latent]) -> tuple[tuple[str, float], ...]:
+    at = "thermoelectric" if subsystem == "drive" else subsystem
+    return next((latent.depends_on for latent in lacking if latent.subsystem == at), _depends(b, worst))
 
 
 def _column_names(setup: Setup) -> list[str]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import numpy as np
+
 from scpjax.fit.result import Estimate, Trace
 from scpjax.physics.model import Model
 
@@ -73,6 +75,39 @@ class Ranked:
 
 
 @dataclass(frozen=True)
+class Latent:
+    """What is missing in one balance: ``mean`` with standard deviation ``std`` at ``time`` [s] of each recording.
+
+    ``evidence`` is the gain of the log marginal likelihood over nothing missing, in nats; ``explained`` the share of
+    the sum of squares that it takes away; ``depends_on`` how much of it a smooth function of each variable explains.
+    """
+
+    subsystem: str
+    place: str  # "heat", "heat_antagonist", "force", "temperature reading", ...
+    unit: str
+    evidence: float
+    explained: float
+    length_s: float
+    time: tuple[np.ndarray, ...]
+    mean: tuple[np.ndarray, ...]
+    std: tuple[np.ndarray, ...]
+    depends_on: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
+class Closure:
+    """A learned closure: ``expression`` with its units, what it ``depends_on`` and how much better it predicts."""
+
+    subsystem: str
+    place: str
+    depends_on: tuple[str, ...]
+    expression: str
+    terms: dict[str, Estimate]
+    held_out_gain: float
+    delta_bic: float
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """The whole answer. ``says`` is the verdict in one sentence."""
 
@@ -83,6 +118,8 @@ class Diagnosis:
     location: Location
     mechanisms: tuple[Named, ...]
     ranking: tuple[Ranked, ...]
+    closure: Closure | None
+    missing: tuple[Latent, ...]  # what each balance or sensor would have to add, best evidence first
     base_parameters: dict[str, Estimate]  # of the extended model, by key
     not_identifiable: tuple[str, ...]
     notes: tuple[str, ...]
@@ -124,7 +161,8 @@ class Diagnosis:
             "ranking": [vars(r) for r in self.ranking],
             "parameters": {k: e.to_dict() for k, e in self.base_parameters.items()},
             "not_identifiable": list(self.not_identifiable),
-            "closure": None,
+            "closure": None if self.closure is None else _closure(self.closure),
+            "missing": [_latent(latent) for latent in self.missing],
             "next_experiment": None,
             "notes": list(self.notes),
             "seconds": self.seconds,
@@ -134,3 +172,26 @@ class Diagnosis:
 
 def _scores(s: Scores) -> dict[str, Any]:
     return {"model": s.model, "train": s.train, "held_out": s.held_out, "noise": s.noise}
+
+
+def _closure(c: Closure) -> dict[str, Any]:
+    return {
+        "subsystem": c.subsystem,
+        "place": c.place,
+        "depends_on": list(c.depends_on),
+        "expression": c.expression,
+        "held_out_gain": c.held_out_gain,
+        "delta_bic": c.delta_bic,
+        "terms": {k: e.to_dict() for k, e in c.terms.items()},
+    }
+
+
+def _latent(latent: Latent) -> dict[str, Any]:
+    return {
+        "subsystem": latent.subsystem,
+        "place": latent.place,
+        "unit": latent.unit,
+        "evidence_nats": latent.evidence,
+        "explained": latent.explained,
+        "depends_on": [{"variable": v, "strength": s} for v, s in latent.depends_on],
+    }

@@ -140,7 +140,7 @@ def fit_promising(
 ) -> dict[int, State]:
     """By trial, the hypotheses with one mechanism more that were worth fitting."""
     chosen = promising(screen(setup, state, split, trials), labels)
-    solved, cost = _fit_leading(setup, split, [trials[i] for i in chosen], state.cost, max_steps)
+    solved, cost = fit_leading(setup, split, [trials[i] for i in chosen], state.cost, max_steps)
     residuals = binned_of(solved, split.whole, setup.space)
     # a trial that blew up (its residuals are cut off) explains nothing
     residuals[np.any(np.abs(residuals) >= CEILING, axis=(1, 2, 3))] = 10.0 * state.residual
@@ -148,7 +148,7 @@ def fit_promising(
     return {i: State(n, t, r, float(c)) for i, n, t, r, c in zip(chosen, names, solved, residuals, cost, strict=True)}
 
 
-def _fit_leading(
+def fit_leading(
     setup: Setup, split: Split, trials: Sequence[Trial], before: float, max_steps: int
 ) -> tuple[list[Trial], np.ndarray]:
     """(trials, costs) after a few steps of all; those that nearly lead by then, or have yet to return, come to rest."""

@@ -212,10 +212,19 @@ def scores(setup: Setup, data: Data, trial: Trial, weights: np.ndarray) -> dict[
     return out
 
 
-def traces(setup: Setup, data: Data, base: Trial, extended: Trial, held_out: np.ndarray | None) -> tuple[Trace, ...]:
-    """Curves of every recorded column in the file's unit."""
+def traces(
+    setup: Setup,
+    data: Data,
+    base: Trial,
+    extended: Trial,
+    held_out: np.ndarray | None,
+    *,
+    extended_setup: Setup | None = None,
+) -> tuple[Trace, ...]:
+    """Curves of every recorded column in the file's unit; ``extended`` may be a trial of another problem."""
     first = np.asarray(outputs_of(base, data, setup.space))
-    both = [first, first if extended is base else np.asarray(outputs_of(extended, data, setup.space))]
+    space = (extended_setup or setup).space
+    both = [first, first if extended is base else np.asarray(outputs_of(extended, data, space))]
     out = []
     for i, r in enumerate(setup.recordings):
         for j, stem in columns(setup.structure, r):

@@ -1,0 +1,383 @@
+"""Outside the catalogue: a closure learned in the balance that answers for the misfit, as a readable expression.
+
+Every balance and sensor is offered the simple terms of `scpjax.physics.terms`. Which ones to try is read off one
+linearisation of the simulation (orthogonal matching pursuit: Pati, Rezaiifar, Krishnaprasad, Asilomar 1993); each set
+is then fitted through the simulation, together with all base parameters, and judged as a mechanism is: on stretches
+held out from the fit. Sparse sums of physical terms after Brunton, Proctor, Kutz, PNAS 113 (2016) 3932.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+
+from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.result import Closure
+from scpjax.diagnose.select import Comparison, Evidence, compare
+from scpjax.diagnose.trials import State, fit_leading, residual_on
+from scpjax.fit.problem import CEILING, Trial
+from scpjax.fit.result import Estimate
+from scpjax.fit.setup import Setup, restructured
+from scpjax.fit.solve import batches, binned_of, evaluate, solve_all, stack
+from scpjax.physics.catalogue import mechanism
+from scpjax.physics.mechanism import Mechanism
+from scpjax.physics.terms import Term
+
+_LEARNED = ("learned_heat", "learned_force", "learned_reading")
+_CHUNK = 5  # terms in one linearisation, and so the most in a closure
+_BEST_SETS = 8
+_STEPS = 60
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A closure found: the problem and hypothesis that hold it, and the evidence."""
+
+    setup: Setup
+    state: State
+    terms: tuple[str, ...]  # keys
+    evidence: Comparison
+
+
+@dataclass(frozen=True)
+class _Offer:
+    key: str  # of the coefficient: "learned_heat.Tx"
+    place: str
+    term: Term
+
+
+def learn(setup: Setup, state: State, split: Split, rules: Evidence) -> Learned | None:
+    """The closure that the recordings ask for beyond ``state``; None when no sum of terms is better than none."""
+    problem = _with_terms(setup, state)
+    before = current = _carried(setup, problem, state)
+    offers = _offers(problem)
+    chosen: tuple[str, ...] = ()
+    while len(chosen) < _CHUNK:
+        room = [o for o in offers if o.key not in chosen and (not chosen or o.place == _place(chosen[0]))]
+        found = _round(problem, current, split, rules, chosen, room)
+        if found is None:
+            break
+        current, chosen, _ = found
+        if _at_noise(current, split):
+            break
+    if not chosen:
+        return None
+    current, chosen = _pruned(problem, current, chosen, split, rules)
+    whole = compare(before, current, "closure", "", split, rules, len(chosen))
+    return Learned(problem, current, chosen, whole) if whole.accepted else None
+
+
+def _with_terms(setup: Setup, state: State) -> Setup:
+    """The problem with the named mechanisms and all learnable terms in its model."""
+    kept = tuple(m for m in setup.structure.mechanisms if m.is_base or m.name in state.names)
+    extra = tuple(mechanism(n) for n in _LEARNED if _possible(setup, mechanism(n)))
+    new = restructured(setup, replace(setup.structure, mechanisms=kept + extra))
+    values = _references(setup)
+    fixed = new.fixed.copy()
+    for slot in new.structure.slots:
+        if slot.mechanism in _LEARNED and slot.parameter.name in values:
+            fixed[slot.index] = values[slot.parameter.name]
+    return replace(new, fixed=fixed)
+
+
+def _possible(setup: Setup, m: Mechanism) -> bool:
+    s = setup.structure
+    return {"thermal": s.thermal, "mechanical": s.mechanical, "": True}[m.needs[0] if m.needs else ""]
+
+
+def _references(setup: Setup) -> dict[str, float]:
+    s = setup.scales
+    top = float(np.max(np.abs(np.asarray(setup.data.grids.effort)))) or 1.0
+    return {
+        "reference_temperature": s.temperature,
+        "reference": s.displacement,
+        "velocity_scale": s.displacement / s.response,
+        "effort_scale": top,
+    }
+
+
+def _offers(problem: Setup) -> list[_Offer]:
+    out = []
+    for m in problem.structure.mechanisms:
+        if m.learned:
+            for term in m.terms:  # pyright: ignore[reportAttributeAccessIssue]
+                key = f"{m.name}.{term.name}"
+                out.append(_Offer(key, _place(key), term))
+    return out
+
+
+def _place(key: str) -> str:
+    """Where a term acts: the heat, the force, or the reading of one sensor."""
+    m, name = key.split(".")
+    return f"{m} {name.split('_')[0]}" if m == "learned_reading" else m
+
+
+def _carried(setup: Setup, problem: Setup, state: State) -> State:
+    """The hypothesis in the problem with terms, all of them zero."""
+    old = np.asarray(setup.space.values(state.trial.free, state.trial.fixed, state.trial.active))
+    value = problem.starts[0].copy()
+    active = np.zeros(len(value), bool)
+    was_active = np.asarray(state.trial.active)
+    n_new, n_old = len(problem.structure.slots), len(setup.structure.slots)
+    fixed = problem.fixed.copy()
+    for slot in problem.structure.slots:
+        if slot.key in setup.structure.index:
+            i = setup.structure.index[slot.key]
+            value[slot.index], active[slot.index] = old[i], was_active[i]
+            if not was_active[i]:
+                fixed[slot.index] = old[i]
+    value[n_new:], active[n_new:] = old[n_old:], was_active[n_old:]
+    laws_by_name = {
+        m.name: float(law) for m, law in zip(setup.structure.mechanisms, np.asarray(state.trial.laws), strict=True)
+    }
+    laws = np.array([laws_by_name.get(m.name, 0.0) for m in problem.structure.mechanisms])
+    trial = replace(problem, fixed=fixed).trial(value, active, laws, int(active.sum()) + _CHUNK)
+    return State(state.names, trial, state.residual, state.cost)
+
+
+def _moving(problem: Setup, state: State, keys: Sequence[str]) -> Trial:
+    """The hypothesis with these coefficients moving as well."""
+    now = np.asarray(problem.space.values(state.trial.free, state.trial.fixed, state.trial.active))
+    active = np.asarray(state.trial.active).copy()
+    for key in keys:
+        active[problem.structure.index[key]] = True
+    holds = replace(problem, fixed=np.asarray(state.trial.fixed))
+    return holds.trial(now, active, np.asarray(state.trial.laws), len(state.trial.index))
+
+
+def _round(
+    problem: Setup, state: State, split: Split, rules: Evidence, chosen: tuple[str, ...], room: Sequence[_Offer]
+) -> tuple[State, tuple[str, ...], Comparison] | None:
+    """The best set of further terms, fitted; None when none has evidence."""
+    free = len(state.trial.index) - int(np.asarray(state.trial.active).sum())
+    sets = _promising_sets(problem, state, split, room, min(free, 3))
+    if not sets:
+        return None
+    found = [
+        (c, keys)
+        for keys, after in zip(sets, _fitted(problem, state, split, sets), strict=True)
+        if (c := compare(state, after, "closure", "", split, rules, len(keys))).accepted
+    ]
+    if not found:
+        return None
+    best, keys = max(found, key=lambda f: f[0].delta_bic)
+    for c, fewer in sorted(found, key=lambda f: len(f[1])):  # as few terms as do as well
+        if len(fewer) < len(keys) and _place(fewer[0]) == _place(keys[0]):
+            more = len(keys) - len(fewer)
+            if not compare(c.state, best.state, "closure", "", split, rules, more).accepted:
+                best, keys = c, fewer
+                break
+    return best.state, chosen + keys, best
+
+
+def _fitted(problem: Setup, state: State, split: Split, sets: Sequence[tuple[str, ...]]) -> list[State]:
+    """The hypothesis with each set of terms, fitted; as bad as can be where it blew up."""
+    trials = [_moving(problem, state, keys) for keys in sets]
+    solved, costs = fit_leading(problem, split, trials, state.cost, _STEPS)
+    residuals = binned_of(solved, split.whole, problem.space)
+    residuals[np.any(np.abs(residuals) >= CEILING, axis=(1, 2, 3))] = 10.0 * state.residual
+    return [State(state.names, t, r, float(c)) for t, r, c in zip(solved, residuals, costs, strict=True)]
+
+
+def _pruned(
+    problem: Setup, state: State, chosen: tuple[str, ...], split: Split, rules: Evidence
+) -> tuple[State, tuple[str, ...]]:
+    """Terms taken out one by one as long as nothing is lost."""
+    while len(chosen) > 1:
+        sets = [tuple(k for k in chosen if k != out) for out in chosen]
+        bare = [replace_active(problem, state, out) for out in chosen]
+        solved, costs, _ = solve_all(bare, split.train, problem.space, max_steps=_STEPS, tolerance=0.02)
+        residuals = binned_of(solved, split.whole, problem.space)
+        fewer = [State(state.names, t, r, float(c)) for t, r, c in zip(solved, residuals, costs, strict=True)]
+        lost = [compare(f, state, "closure", "", split, rules, 1) for f in fewer]
+        spare = [i for i, c in enumerate(lost) if not c.accepted]
+        if not spare:
+            break
+        i = min(spare, key=lambda i: fewer[i].cost)
+        state, chosen = fewer[i], sets[i]
+    return state, chosen
+
+
+def replace_active(problem: Setup, state: State, out: str) -> Trial:
+    """The hypothesis with one coefficient held at zero."""
+    now = np.array(problem.space.values(state.trial.free, state.trial.fixed, state.trial.active))
+    active, fixed = np.asarray(state.trial.active).copy(), np.asarray(state.trial.fixed).copy()
+    active[problem.structure.index[out]] = False
+    fixed[problem.structure.index[out]] = 0.0
+    return replace(problem, fixed=fixed).trial(now, active, np.asarray(state.trial.laws), len(state.trial.index))
+
+
+_FAMILIES = (
+    ("learned_heat", ("T2", "T3")),
+    ("learned_heat", ("Tx", "Tx2", "Tx3")),
+    ("learned_heat", ("x", "x2", "x3")),
+    ("learned_heat", ("v", "speed", "T_speed")),
+    ("learned_heat", ("u2", "uT", "ux")),
+    ("learned_force", ("x2", "x3")),
+    ("learned_force", ("T2", "T3")),
+    ("learned_force", ("Tx", "T2x", "Tx2")),
+    ("learned_force", ("v_speed", "xv", "Tv")),
+    ("learned_reading", ("temperature_T2", "temperature_T3")),
+    ("learned_reading", ("displacement_x2", "displacement_x3")),
+)
+"""Functions of one variable, each beside its natural partner: a loss T f(x), a spring x f(x), ..."""
+
+
+def _promising_sets(
+    problem: Setup, state: State, split: Split, room: Sequence[_Offer], most: int
+) -> list[tuple[str, ...]]:
+    """Sets of terms of one place each, by what they take away in one linearisation, the most promising first.
+
+    Matching pursuit among all terms of a place, and the polynomials of `_FAMILIES`.
+    """
+    residual, imitated, columns = _linearised(problem, state, split, [o.key for o in room])
+    clean = lambda x: x - imitated @ (imitated.T @ x)  # noqa: E731
+    target = clean(residual)
+    usable = {k: clean(c) for k, c in columns.items()}
+    usable = {k: c for k, c in usable.items() if c @ c > 1e-6 * max(float(columns[k] @ columns[k]), 1e-300)}
+    sets: list[tuple[str, ...]] = []
+    for m, names in _FAMILIES:
+        keys = tuple(k for name in names if (k := f"{m}.{name}") in usable)
+        sets += [keys[:n] for n in range(1, min(len(keys), most) + 1)]
+    for place in dict.fromkeys(o.place for o in room):
+        mine = [o.key for o in room if o.place == place and o.key in usable]
+        for lead in sorted(mine, key=lambda k: _left([usable[k]], target))[:2]:
+            keys = (lead,)
+            while len(keys) < min(most, 3) and len(keys) < len(mine):
+                rest = [k for k in mine if k not in keys]
+                keys = (*keys, min(rest, key=lambda k: _left([usable[j] for j in (*keys, k)], target)))
+                sets.append(keys)
+            sets.append((lead,))
+    n = len(target)
+    value = {}
+    for keys in sets:
+        left = _left([usable[k] for k in keys], target)
+        value.setdefault(frozenset(keys), (n * np.log(max(left, 1e-300) / n) + len(keys) * np.log(n), keys))
+    ranked = [keys for _, keys in sorted(value.values())]
+    # the best of every place, and of every family, then whatever promises most
+    first = [next((s for s in ranked if _place(s[0]) == p), None) for p in dict.fromkeys(o.place for o in room)]
+    families = [tuple(f"{m}.{n}" for n in names if f"{m}.{n}" in usable)[:most] for m, names in _FAMILIES]
+    families = [f for f in families if f]
+    queue = [s for s in first if s] + ranked[:4] + sorted(families, key=lambda f: value[frozenset(f)][0]) + ranked
+    return list({frozenset(k): k for k in reversed(queue[: _BEST_SETS * 2])}.values())[: _BEST_SETS * 2]
+
+
+def _left(columns: Sequence[np.ndarray], target: np.ndarray) -> float:
+    """Sum of squares that a combination of the columns leaves."""
+    basis, _ = np.linalg.qr(np.stack(columns, axis=1))
+    return float(target @ target - np.sum((basis.T @ target) ** 2))
+
+
+def _linearised(
+    problem: Setup, state: State, split: Split, keys: Sequence[str]
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """(residuals, orthonormal basis of what moves already, column of each term) on the training part."""
+    free = len(state.trial.index) - int(np.asarray(state.trial.active).sum())  # places left
+    parts = [tuple(keys[i : i + free]) for i in range(0, len(keys), free)]
+    trials = [_moving(problem, state, part) for part in parts]
+    residual, base, columns = np.zeros(0), np.zeros((0, 0)), {}
+    done = 0
+    for batch in batches(trials):
+        here = evaluate(stack(batch), split.train, problem.space)
+        jacobian = np.asarray(here.jacobian)
+        for i in range(min(len(batch), len(trials) - done)):
+            index = np.asarray(trials[done + i].index)
+            at = {problem.structure.index[k]: k for k in parts[done + i]}
+            for column, entry in enumerate(index):
+                if int(entry) in at:
+                    columns[at[int(entry)]] = jacobian[i][:, column]
+            if done + i == 0:
+                residual = np.asarray(here.residual[0])
+                mine = [c for c, e in enumerate(index) if int(e) not in at]
+                base = jacobian[0][:, mine]
+        done += len(batch)
+    base = base[:, np.any(base != 0, axis=0)]
+    scaled = base / np.linalg.norm(base, axis=0)
+    basis, values, _ = np.linalg.svd(scaled, full_matrices=False)
+    return residual, basis[:, values > 1e-9 * values[0]], columns
+
+
+def _at_noise(state: State, split: Split) -> bool:
+    there = split.is_train | split.is_held
+    levels = [np.mean(state.residual[..., j][there[..., j]] ** 2) for j in range(there.shape[2]) if there[..., j].any()]
+    return bool(max(levels) < 1.1)
+
+
+def again(found: Learned, trial: Trial, split: Split) -> State:
+    """The hypothesis of a closure at another trial of its problem."""
+    residual = residual_on(trial, split.whole, found.setup)
+    return State(found.state.names, trial, residual, float(jnp.sum(residual[split.is_train] ** 2)))
+
+
+# -- in words -----------------------------------------------------------------------------------------------------
+
+_SYMBOLS = (
+    ("temperature", "T", "K", 1.0),
+    ("displacement", "x", "mm", 1e3),
+    ("velocity", "v", "mm/s", 1e3),
+    ("effort", "u", "drive", 1.0),
+)
+_WHAT = {
+    "learned_heat": ("heat lost", "W", "thermoelectric"),
+    "learned_force": ("force against contraction", "N", "thermomechanical"),
+    "learned_reading temperature": ("thermometer reads too much by", "K", "sensor"),
+    "learned_reading displacement": ("displacement reads too much by", "mm", "sensor"),
+}
+
+
+def describe(found: Learned, every: Mapping[str, Estimate]) -> Closure:
+    """The closure as an expression with units; ``every`` holds the estimates of its final fit by key."""
+    problem, place = found.setup, _place(found.terms[0])
+    what, unit, subsystem = _WHAT[place]
+    terms = {o.key: o.term for o in _offers(problem)}
+    references = _references(problem)
+    value = lambda key: float(every[key].value) if key in every else 1.0  # noqa: E731
+    scale = {
+        "learned_heat": value("newton_cooling.conductance") * references["reference_temperature"],
+        "learned_force": value("elastic_spring.stiffness") * references["reference"],
+        "learned_reading temperature": references["reference_temperature"],
+        "learned_reading displacement": references["reference"] * 1e3,
+    }[place]
+    pieces, variables, in_si = [], [], {}
+    for key in found.terms:
+        term, e = terms[key], every[key]
+        factor = scale / term.unit_value(references)
+        words, units = _product(term)
+        for name, _, _, k in _SYMBOLS:
+            factor /= k ** getattr(term, name)
+        size = abs(e.value * factor)
+        sign = ("" if not pieces else "+ ") if e.value >= 0 else "- "
+        error = f" ± {abs(e.std * factor):.1g}" if np.isfinite(e.std) else ""
+        pieces.append(f"{sign}({size:.3g}{error}) {unit}{units} {words}")
+        variables += [v for v in term.variables if v not in variables]
+        in_si[key] = e
+    if subsystem == "thermoelectric" and variables == ["drive"]:
+        subsystem = "drive"
+    return Closure(
+        subsystem,
+        place,
+        tuple(variables),
+        f"{what} = {' '.join(pieces)}",
+        in_si,
+        found.evidence.held_out_gain,
+        found.evidence.delta_bic,
+    )
+
+
+def _product(term: Term) -> tuple[str, str]:
+    """("T x", "/(K mm)") of a term."""
+    words, units = [], []
+    for name, symbol, unit, _ in _SYMBOLS:
+        power = getattr(term, name)
+        if not power:
+            continue
+        raised = {1: "", 2: "²", 3: "³"}[power]
+        if name == "velocity" and not (term.odd and power == 1):
+            words.append(f"|{symbol}|" if power == 1 else f"|{symbol}| {symbol}")
+        else:
+            words.append(symbol + raised)
+        units.append(unit + raised)
+    return " ".join(words), f"/({' '.join(units)})"

@@ -1,0 +1,214 @@
+"""The missing power, force or sensor error itself: a latent input estimated under a smoothness prior.
+
+Before any name is given: what would have to be added to a balance of the base model, as a function of time, for its
+simulation to meet the recordings, with a band; and how well each balance can answer for the misfit at all. The base
+model is linear, so its outputs respond linearly to such an input, and everything is a Gaussian process regression in
+closed form: Rasmussen, Williams, Gaussian Processes for Machine Learning (2006), sections 2.2 and 5.4;
+Alvarez, Luengo, Lawrence, Latent Force Models, AISTATS 2009.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.linalg import expm
+
+from scpjax.diagnose.locate import Binned
+from scpjax.diagnose.result import Latent
+from scpjax.fit.data import Data
+from scpjax.fit.problem import Trial, unpack
+from scpjax.fit.setup import Setup
+from scpjax.fit.solve import evaluate, stack
+from scpjax.physics.model import Model
+
+_KNOTS = 90  # per recording
+_LENGTHS = (0.25, 0.1, 0.04, 0.015)  # correlation lengths tried, as shares of the longest recording
+_SIZES = np.logspace(-3, 3, 25)  # amplitudes tried, relative to what makes one standard deviation of misfit
+
+
+@dataclass(frozen=True)
+class _Place:
+    subsystem: str
+    name: str
+    unit: str
+    into: np.ndarray | None  # (states,) how the rates feel it
+    output: int  # that it adds to directly, where ``into`` is None
+
+
+def missing(setup: Setup, data: Data, trial: Trial, binned: Binned) -> tuple[Latent, ...]:
+    """Estimates for every balance and sensor, best evidence first."""
+    model, _ = unpack(trial.free, trial, setup.space)
+    here = evaluate(stack([trial]), data, setup.space)
+    rows = binned.there.ravel()
+    residual = np.asarray(here.residual[0])[: rows.size][rows]
+    jacobian = np.asarray(here.jacobian[0])[: rows.size][rows]
+    imitated, _ = np.linalg.qr(jacobian[:, np.any(jacobian != 0, axis=0)])
+    clean = lambda x: x - imitated @ (imitated.T @ x)  # noqa: E731
+    target = clean(-residual)
+    out = [_estimate(setup, data, model, place, binned, target, clean) for place in _places(setup, model)]
+    return tuple(sorted(out, key=lambda latent: -latent.evidence))
+
+
+def _places(setup: Setup, model: Model) -> list[_Place]:
+    """Where something may be missing in this model."""
+    s, b = setup.structure, model.balances()
+    names, places = s.state_names, []
+    mass = np.broadcast_to(np.asarray(b.thermal_mass), (len(s.sides),))
+    for i, side in enumerate(s.sides if s.thermal else ()):
+        unit = np.zeros(len(names))
+        unit[i] = 1.0 / mass[i]
+        places.append(_Place("thermoelectric", f"heat_{side}" if side else "heat", "W", unit, 0))
+    if s.mechanical:
+        unit = np.zeros(len(names))
+        unit[names.index("velocity")] = 1.0 / float(np.asarray(b.moving_mass))
+        places.append(_Place("thermomechanical", "force", "N", unit, 0))
+    there = np.any(np.isfinite(data_norm(setup.data)), axis=(0, 1))
+    for j, output in enumerate(s.outputs):
+        if there[j]:
+            unit_name = "K" if output.startswith("temperature") else "rad" if output == "angle" else "m"
+            places.append(_Place("sensor", f"{output} reading", unit_name, None, j))
+    return places
+
+
+def data_norm(data: Data) -> np.ndarray:
+    """Standard deviation of each bin's sum (r, k, y); inf where it is empty."""
+    return np.asarray(data.norm)
+
+
+def _estimate(
+    setup: Setup, data: Data, model: Model, place: _Place, binned: Binned, target: np.ndarray, clean: Callable
+) -> Latent:
+    r, k, y = binned.there.shape
+    bins = [int(np.flatnonzero(binned.there[i].any(axis=1))[-1]) + 1 for i in range(r)]
+    gap = [max(n // _KNOTS, 1) for n in bins]
+    blocks, times = [], []
+    count = np.asarray(data.at_start + data.at_end).reshape(r, k, data.bin, y).sum(axis=2)
+    for i in range(r):
+        width = float(np.asarray(data.grids.step)[i]) * data.bin
+        hat = _hat_response(model, place, width, gap[i], k, y)
+        m = -(-bins[i] // gap[i]) + 1
+        g = np.zeros((r, k, y, m))
+        for j in range(m):
+            at = (j - 1) * gap[i]  # the response array begins where the hat does, one gap before its peak
+            lo = max(at, 0)
+            g[i, lo:, :, j] = hat[lo - at : k - at]
+        with np.errstate(divide="ignore"):
+            scale = np.where(np.isfinite(data_norm(data)), count / data_norm(data), 0.0)
+        g *= scale[..., None]
+        blocks.append(g.reshape(-1, m)[binned.there.ravel()])
+        times.append(np.arange(m) * gap[i] * width)
+    response = clean(np.concatenate(blocks, axis=1))
+    unit = 1.0 / max(np.sqrt(np.mean(np.sum(response**2, axis=0))), 1e-300)
+    span = max(t[-1] for t in times)
+    noise = 1.0
+    fits = [_marginal(response * unit, target, times, share * span, noise) for share in _LENGTHS]
+    evidence, mean, std, length, left = max(fits, key=lambda f: f[0])
+    edges = np.cumsum([0, *[len(t) for t in times]])
+    parts = [(mean[a:b] * unit, std[a:b] * unit) for a, b in itertools.pairwise(edges)]
+    return Latent(
+        place.subsystem,
+        place.name,
+        place.unit,
+        float(evidence),
+        float(1.0 - left / max(float(target @ target), 1e-300)),
+        float(length),
+        tuple(times),
+        tuple(m for m, _ in parts),
+        tuple(s for _, s in parts),
+        depends(binned, times, [m for m, _ in parts], [s for _, s in parts]),
+    )
+
+
+def _hat_response(model: Model, place: _Place, width: float, gap: int, k: int, y: int) -> np.ndarray:
+    """Outputs (k + 2 gap, y) to a triangle of half-width ``gap`` bins that begins at 0 and peaks at 1."""
+    n = k + 2 * gap
+    hat = np.maximum(1.0 - np.abs(np.arange(n) - gap) / gap, 0.0)
+    out = np.zeros((n, y))
+    if place.into is None:
+        out[:, place.output] = hat
+        return out
+    a = np.asarray(model.linearise()[0])
+    z = jnp.zeros(model.structure.n_states)
+    c = np.asarray(jax.jacfwd(model.observe)(z, jnp.zeros(len(model.structure.sides))))
+    m = len(a)
+    # exact for an input that is linear over each bin: Franklin, Powell, Workman, Digital Control, section 4.3.2
+    big = np.zeros((m + 2, m + 2))
+    big[:m, :m], big[:m, m], big[m, m + 1] = a * width, place.into * width, 1.0
+    e = expm(big)
+    ad, slope = e[:m, :m], e[:m, m + 1]
+    step = e[:m, m] - slope
+    x = np.zeros(m)
+    for i in range(1, n):
+        x = ad @ x + step * hat[i - 1] + slope * hat[i]
+        out[i] = c @ x
+    return out
+
+
+def _marginal(
+    g: np.ndarray, target: np.ndarray, times: Sequence[np.ndarray], length: float, noise: float
+) -> tuple[float, np.ndarray, np.ndarray, float, float]:
+    """(evidence, posterior mean, std, length, sum of squares left) at the best amplitude for one correlation length."""
+    roots = []
+    for t in times:
+        d = np.sqrt(3.0) * np.abs(t[:, None] - t[None]) / length  # Matern 3/2
+        kernel = (1 + d) * np.exp(-d)
+        roots.append(np.linalg.cholesky(kernel + 1e-8 * np.eye(len(t))))
+    total = sum(len(t) for t in times)
+    root = np.zeros((total, total))
+    at = 0
+    for part in roots:
+        root[at : at + len(part), at : at + len(part)] = part
+        at += len(part)
+    z = g @ root
+    eigen, vectors = np.linalg.eigh(z.T @ z)
+    eigen = np.maximum(eigen, 0.0)
+    along = vectors.T @ (z.T @ target)
+    best = (-np.inf, 1.0)
+    for size in _SIZES**2:
+        shrink = size / (noise + size * eigen)
+        fit = 0.5 * np.sum(shrink * along**2) / noise - 0.5 * np.sum(np.log1p(size * eigen / noise))
+        best = max(best, (float(fit), float(size)))
+    evidence, size = best
+    shrink = size / (noise + size * eigen)
+    weights = vectors @ (shrink * along)
+    covariance = (root @ vectors) * shrink @ (root @ vectors).T * noise
+    left = float(np.sum((target - z @ weights) ** 2))
+    return evidence, root @ weights, np.sqrt(np.maximum(np.diag(covariance), 0.0)), length, left
+
+
+def depends(
+    binned: Binned, times: Sequence[np.ndarray], mean: Sequence[np.ndarray], std: Sequence[np.ndarray]
+) -> tuple[tuple[str, float], ...]:
+    """Share of the estimate's variance that a smooth function of each variable alone explains, strongest first."""
+    known = {
+        "temperature": binned.temperature,
+        "displacement": binned.displacement,
+        "velocity": binned.velocity,
+        "drive": binned.drive,
+        "time": binned.time,
+    }
+    value, weight = np.concatenate(mean), 1.0 / (np.concatenate(std) ** 2 + 1e-300)
+    weight = np.minimum(weight, 20 * np.median(weight))
+    out = []
+    for name, states in known.items():
+        if states is None:
+            continue
+        at = np.concatenate([np.interp(t, binned.time[i] - binned.time[i, 0], states[i]) for i, t in enumerate(times)])
+        if np.ptp(at) <= 1e-12 * (np.abs(at).max() + 1e-300):
+            continue
+        relative = 2 * (at - at.min()) / np.ptp(at) - 1
+        basis = np.polynomial.chebyshev.chebvander(relative, 4)
+        root = np.sqrt(weight)
+        found = np.linalg.lstsq(basis * root[:, None], value * root, rcond=None)[0]
+        centre = np.average(value, weights=weight)
+        whole = np.sum(weight * (value - centre) ** 2) + 1e-300
+        left = np.sum(weight * (value - basis @ found) ** 2)
+        n = len(value)
+        share = 1.0 - left / whole * (n - 1) / max(n - 5, 1)
+        out.append((name, round(float(np.clip(share, 0.0, 1.0)), 4)))
+    return tuple(sorted(out, key=lambda p: -p[1]))
