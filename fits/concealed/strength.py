@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
@@ -21,20 +20,32 @@ from fits.concealed.recorder import Column
 Simulated = tuple[np.ndarray, np.ndarray]  # volts (n, sides), readings (n, columns)
 
 
-def filtered(matrix: np.ndarray, into: np.ndarray, out: np.ndarray, drive: np.ndarray, period: float) -> np.ndarray:
-    """Response (n,) of out z, z' = matrix z + into u, from rest, u held between samples."""
+def filter_of(matrix: np.ndarray, into: np.ndarray, out: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """(numerator, denominator) in 1/z of out x, x' = matrix x + into u, from rest, u held between samples."""
     size = len(matrix)
     block = np.zeros((size + 1, size + 1))
     block[:size, :size], block[:size, size] = matrix, into
-    step = expm(block * period)
-    a, b = step[:size, :size], step[:size, size]
+    step = _exponential(block * period)
+    a, z = step[:size, :size], step[:size, size]
     poles = np.poly(a)
     markov = [0.0]
-    z = b
     for _ in range(size):
         markov.append(float(out @ z))
         z = a @ z
-    return np.asarray(lfilter(np.convolve(poles, markov)[: size + 1], poles, drive))
+    return np.convolve(poles, markov)[: size + 1], poles
+
+
+def _exponential(matrix: np.ndarray) -> np.ndarray:
+    """exp of a small matrix: Taylor's series of a 2^n-th of it, squared n times."""
+    halvings = max(0, int(np.ceil(np.log2(max(float(np.abs(matrix).sum(axis=1).max()), 1e-300)))) + 2)
+    small = matrix / 2**halvings
+    total = term = np.eye(len(matrix))
+    for i in range(1, 14):
+        term = term @ small / i
+        total = total + term
+    for _ in range(halvings):
+        total = total @ total
+    return total
 
 
 @dataclass(frozen=True)
@@ -88,10 +99,8 @@ def _left(
     third = np.array([[-cooling, 0, 0], [0, 0, 1], [1, -elastic, -viscous]])
     first = third[:1, :1]
     sides = plant.sides
-    warm = [
-        np.concatenate([filtered(first, np.ones(1), np.ones(1), v[:, i] ** 2, period) for v, _ in files])
-        for i in range(sides)
-    ]
+    heating = filter_of(first, np.ones(1), np.ones(1), period)
+    warm = [np.concatenate([lfilter(*heating, v[:, i] ** 2) for v, _ in files]) for i in range(sides)]
     out = {}
     gains = [j for j in wanted if j < sides]
     if gains:  # one gain for both sides, a zero for each
@@ -100,9 +109,9 @@ def _left(
         left = _project(np.column_stack([both, zeros]), np.concatenate([wanted[j] for j in gains]))
         out |= dict(zip(gains, np.split(left, len(gains)), strict=True))
     if plant.moves:
-        into, seen = np.array([1.0, 0, 0]), np.array([0, 1.0, 0])
+        moving = filter_of(third, np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), period)
         drives = [v[:, 0] ** 2 - (v[:, 1] ** 2 if sides == 2 else 0.0) for v, _ in files]
-        moved = np.concatenate([filtered(third, into, seen, u, period) for u in drives]) * elastic
+        moved = np.concatenate([lfilter(*moving, u) for u in drives]) * elastic
         out[sides] = _project(np.column_stack([moved, np.ones(len(moved))]), wanted[sides])
     return out
 

@@ -178,13 +178,13 @@ def simulate(
     first = list(before[0]) or [0.0] * system.sides
     if before[1] > 0:
         z = _stretch(lambda y, _: system.rates(0.0, y, first), z, np.array([0.0, before[1]]), system)[-1]
-    times = np.arange(len(volts)) * period
+    times = np.round(np.arange(len(volts)) * period, 9)
     late = sum(e.dead_time() for e in effects)
     told = np.vstack([first, volts])
     jumps = np.flatnonzero(np.any(np.diff(told, axis=0) != 0, axis=1))
     levels: dict[float, list[float]] = {round(j * period + late, 9): told[j + 1].tolist() for j in jumps.tolist()}
     end = float(times[-1])
-    extra = [b for e in effects for b in e.breaks(end)]
+    extra = [round(b, 9) for e in effects for b in e.breaks(end)]
     edges = sorted({0.0, end, *(t for t in (*levels, *extra) if 0 < t < end)})
     level: list[float] = levels[0.0] if 0.0 in levels else told[0].tolist()
     states, held = np.zeros((len(times), system.size)), [level]
@@ -193,8 +193,8 @@ def simulate(
         if a in levels:
             level = levels[a]
         inside = np.flatnonzero((times > a + 1e-9) & (times <= b + 1e-9))
-        at = np.unique(np.concatenate([[a], np.minimum(times[inside], b), [b]]))
-        found = _stretch(lambda y, t, u=level: system.rates(t, y, u), z, at, system)
+        before_end = times[inside][times[inside] < b - 1e-9]
+        found = _stretch(lambda y, t, u=level: system.rates(t, y, u), z, np.array([a, *before_end, b]), system)
         states[inside] = found[1 : 1 + len(inside)]
         held += [level] * len(inside)
         z = found[-1]

@@ -1,0 +1,153 @@
+"""The page: what was asked and what came of it, as Markdown, with figures beside it."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fits.concealed.figures import draw_calibration, draw_confusion, draw_kept
+from fits.concealed.score import GOOD, HARMLESS, Score
+from fits.concealed.tally import calibration, goals, median
+
+Others = Mapping[str, Mapping[str, float]]
+_WHAT = """\
+Recordings were made by code of its own (`fits/concealed`, scipy's LSODA, laws written out there and partly other ones
+than the catalogue's), with physics concealed in them that the base model does not have. What it was, was sealed by
+sha256 before anything was diagnosed. The engine saw the given files; other files, driven differently, were kept back.
+Strength is the misfit of the best base model over the noise: weak 1.2 to 3, moderate to 8.5, strong above.
+"""
+
+
+def write_page(folder: Path, scores: Sequence[Score], others: Others, *, commit: str, of: int) -> Path:
+    """``concealed.md`` and ``concealed/*.svg`` in a folder."""
+    pictures = folder / "concealed"
+    pictures.mkdir(parents=True, exist_ok=True)
+    text = [
+        "# Concealed physics: can it be named?\n",
+        f"Made by `python fits/concealed/run.py`; {len(scores)} of the plan's {of} cases, commit `{commit}`.\n",
+        _WHAT,
+        "## What was asked\n",
+        *_goals(scores),
+        "## What was said\n",
+        "A row is what was concealed, a column what was named (equivalents count as right).\n",
+        f"![Confusion]({draw_confusion(scores, pictures)})\n",
+        *_outcomes(scores),
+        "## Files that were kept back\n",
+        "Worst column and file of each case: RMSE of a free run over the noise. The baselines were told the noise and "
+        "chose lags, degree, thresholds and smoothing on held-out stretches of the given files.\n",
+        *_kept(scores, others),
+        f"![Kept files]({draw_kept(scores, others, pictures)})\n",
+        "## Are the probabilities true?\n",
+        *_calibration(scores),
+        f"![Calibration]({draw_calibration(scores, pictures)})\n",
+        "## Minutes\n",
+        *_minutes(scores),
+        *_wrong(scores),
+    ]
+    path = folder / "concealed.md"
+    part = folder / "concealed.part"
+    part.write_text("\n".join(text) + "\n", encoding="utf-8", newline="\n")
+    os.replace(part, path)
+    return path
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    lines = [f"| {' | '.join(header)} |", f"|{'---|' * len(header)}"]
+    return "\n".join([*lines, *(f"| {' | '.join(map(str, row))} |" for row in rows)]) + "\n"
+
+
+def _goals(scores: Sequence[Score]) -> list[str]:
+    rows = []
+    for g in goals(scores):
+        low, high = g.interval()
+        sign = "at most" if g.at_most else "at least"
+        share = f"{g.hits} of {g.of}, {g.share:.0%} ({low:.0%} to {high:.0%})" if g.of else "no such case"
+        rows.append((g.title, f"{sign} {g.asked:.0%}", share, {True: "yes", False: "**no**", None: ""}[g.met]))
+    return [_table(("", "asked", "found (95 % interval)", "met"), rows)]
+
+
+def _outcomes(scores: Sequence[Score]) -> list[str]:
+    order = (
+        "right",
+        "equivalent",
+        "partly",
+        "unnamed",
+        "missed",
+        "extra",
+        "misnamed",
+        "alarm",
+        "false name",
+        "misplaced",
+    )
+    there = [o for o in (*order, "failed") if any(s.outcome == o for s in scores)]
+    rows = []
+    for sort in ("single", "pair", "triple", "null", "outside"):
+        for tier in ("strong", "moderate", "weak", "unseen", "none"):
+            chosen = Counter(s.outcome for s in scores if s.sort == sort and s.tier == tier)
+            if chosen:
+                rows.append((sort, "" if tier == "none" else tier, chosen.total(), *(chosen[o] or "" for o in there)))
+    return [_table(("", "strength", "cases", *there), rows)]
+
+
+def _kept(scores: Sequence[Score], others: Others) -> list[str]:
+    methods: dict[str, dict[str, float]] = {
+        "base model": {s.name: s.kept_base for s in scores},
+        "scpjax": {s.name: s.kept for s in scores},
+        **{m: dict(e) for m, e in others.items()},
+    }
+    rows = []
+    for sort in ("null", "single", "pair", "triple", "outside"):
+        names = [s.name for s in scores if s.sort == sort]
+        for method, errors in methods.items():
+            x = np.array([errors[n] for n in names if n in errors and not math.isnan(errors[n])])
+            if len(x):
+                far = int(np.sum(~np.isfinite(x)))
+                within = f"{np.mean(x <= 1.15):.0%}"
+                rows.append((sort, method, len(x), *(_number(v) for v in _quantiles(x)), within, far or ""))
+    return [_table(("", "method", "cases", "median", "90 %", "within 1.15", "diverged"), rows)]
+
+
+def _quantiles(x: np.ndarray) -> tuple[float, float]:
+    ordered = np.sort(x)
+    return float(ordered[(len(x) - 1) // 2]), float(ordered[math.ceil(0.9 * (len(x) - 1))])
+
+
+def _number(x: float) -> str:
+    return f"{x:.2f}" if math.isfinite(x) else "diverged"
+
+
+def _calibration(scores: Sequence[Score]) -> list[str]:
+    bins, gap = calibration(pair for s in scores for pair in s.believed)
+    if not bins:
+        return ["Nothing was named.\n"]
+    rows = [(f"{b.believed:.1%}", f"{b.right:.1%}", b.number) for b in bins]
+    return [
+        f"Names given: mean gap between probability and truth {100 * gap:.1f} points (asked: at most 5).\n",
+        _table(("probability said", "share that was right", "names"), rows),
+    ]
+
+
+def _minutes(scores: Sequence[Score]) -> list[str]:
+    x = [s.minutes for s in scores if math.isfinite(s.minutes)]
+    if not x:
+        return [""]
+    return [
+        f"Diagnosis of a case: median {median(x):.2f}, nine in ten under {float(np.quantile(x, 0.9)):.2f}, "
+        f"longest {max(x):.2f}; {sum(x):.0f} in all.\n"
+    ]
+
+
+def _wrong(scores: Sequence[Score]) -> list[str]:
+    """Every case that was not as it should be, so that nobody has to look for them."""
+    rows = []
+    for s in scores:
+        fine = HARMLESS if s.sort == "single" and s.tier in ("weak", "unseen") else GOOD
+        if s.outcome not in fine:
+            said = " + ".join(s.named) or s.verdict or s.error
+            rows.append((f"`{s.name}`", s.label, f"{s.misfit:.1f}", s.outcome, said))
+    return ["## Not as it should be\n", _table(("case", "", "misfit", "outcome", "said"), rows)] if rows else []

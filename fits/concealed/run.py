@@ -1,0 +1,208 @@
+"""The proof: diagnoses recordings with concealed effects, scores them, runs baselines on the same files, writes a page.
+
+    python fits/concealed/run.py [--subset | --all | --cases N | --only PATTERN] [--out DIR] [--docs docs]
+
+Recordings are made and their truth is sealed first (generate.py). Every answer is kept in --out as soon as it is there:
+a run that was stopped goes on where it was. The subset of forty takes about half an hour, all of them hours.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import queue
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+if __package__ in (None, ""):
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from tqdm import tqdm
+
+from fits.concealed.baselines import sindy
+from fits.concealed.cases import Case, plan
+from fits.concealed.generate import generate, selected, selection
+from fits.concealed.page import write_page
+from fits.concealed.pool import ROOT, Worker
+from fits.concealed.score import Score, score, worst
+from fits.concealed.seal import BrokenSeal, verify
+from fits.concealed.store import Store, write_whole
+from fits.concealed.tally import goals
+
+OUT = Path("out/concealed")
+Job = tuple[str, str, str]  # name, method, sealed hash
+
+
+class Run:
+    """One run over some cases. ``way``: library or command; ``limit``: seconds for one answer."""
+
+    def __init__(self, cases: Sequence[Case], out: Path, *, way: str, methods: Sequence[str], limit: float):
+        self.cases, self.out, self.way, self.methods, self.limit = list(cases), out, way, list(methods), limit
+        self.store = Store(out)
+        self.sealed = {c.name: verify(out / "cases", c.name) for c in self.cases}
+        self.commit = _commit()
+
+    def truth(self, name: str) -> dict[str, Any]:
+        """What was concealed."""
+        return json.loads((self.out / "cases" / name / "truth.json").read_text(encoding="utf-8"))
+
+    def missing(self, *, retry: bool) -> list[Job]:
+        """Answers that are not there yet; with ``retry`` also those that were errors."""
+        jobs = []
+        for case in self.cases:
+            for method in self.methods:
+                found = self.store.read(case.name, method, self.sealed[case.name])
+                if found is None or (retry and "error" in found):
+                    jobs.append((case.name, method, self.sealed[case.name]))
+        return jobs
+
+    def answer(self, jobs: Sequence[Job], *, workers: int) -> None:
+        """Ask for every answer, the first ones first, and keep each."""
+        waiting: queue.SimpleQueue[Job] = queue.SimpleQueue()
+        for job in jobs:
+            waiting.put(job)
+        bar = tqdm(total=len(jobs), desc="diagnosing", unit="answer", smoothing=0.1, disable=not jobs)
+        pool = [Worker(limit=self.limit, log=self.out / f"worker{i}.log") for i in range(workers)]
+        threads = [threading.Thread(target=self._serve, args=(w, waiting, bar), daemon=True) for w in pool]
+        try:
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                while thread.is_alive():
+                    thread.join(0.5)
+        finally:
+            for worker in pool:
+                worker.close()
+            bar.close()
+
+    def _serve(self, worker: Worker, waiting: queue.SimpleQueue[Job], bar: Any) -> None:
+        while True:
+            try:
+                name, method, sealed = waiting.get_nowait()
+            except queue.Empty:
+                return
+            found = worker.ask(self._job(name, method))
+            self.store.write(name, method, sealed, {"commit": self.commit, "way": self.way, **found})
+            bar.set_postfix_str(f"{name} {method}{' failed' if 'error' in found else ''}", refresh=False)
+            bar.update()
+
+    def _job(self, name: str, method: str) -> dict[str, Any]:
+        folder = (self.out / "cases" / name).absolute()
+        job: dict[str, Any] = {
+            "do": self.way if method == "scpjax" else method,
+            "given": [str(f) for f in sorted((folder / "given").glob("*.csv"))],
+            "kept": [str(f) for f in sorted((folder / "kept").glob("*.csv"))],
+            "out": str((self.out / "reports" / name).absolute()),
+        }
+        if method != "scpjax":  # the baselines are told the noise; scpjax finds it
+            job["noise"] = next(iter(self.truth(name)["files"].values()))["noise"]
+        return job
+
+    def scores(self) -> tuple[list[Score], dict[str, dict[str, float]]]:
+        """Scores of the cases that have been diagnosed, and kept-file error over noise by baseline and case."""
+        found, others = [], {m: {} for m in self.methods if m != "scpjax"}
+        for case in self.cases:
+            sealed, truth = self.sealed[case.name], self.truth(case.name)
+            answer = self.store.read(case.name, "scpjax", sealed)
+            if answer is not None:
+                found.append(score(truth, answer))
+            for method, errors in others.items():
+                answer = self.store.read(case.name, method, sealed)
+                if answer is not None:
+                    kept = {
+                        f: {c: float("inf") if v is None else v for c, v in row.items()}
+                        for f, row in answer.get("kept", {}).items()
+                    }
+                    errors[case.name] = worst(kept, truth) if kept else float("inf")
+        return found, others
+
+    def report(self, docs: Path | None) -> list[Score]:
+        """Write ``results.json``, the page and its figures."""
+        found, others = self.scores()
+        content = {
+            "schema": "scpjax.concealed/1",
+            "commit": self.commit,
+            "written": time.strftime("%Y-%m-%d %H:%M"),
+            "of": len(plan()),
+            "goals": [
+                {"title": g.title, "share": g.share if g.of else None, "of": g.of, "asked": g.asked, "met": g.met}
+                for g in goals(found)
+            ],
+            "cases": [s.plain() for s in found],
+            "baselines": {m: {n: v if v < float("inf") else None for n, v in e.items()} for m, e in others.items()},
+        }
+        write_whole(self.out / "results.json", content)
+        for folder in filter(None, (self.out, docs)):
+            write_page(folder, found, others, commit=self.commit, of=len(plan()))
+        return found
+
+
+def _commit() -> str:
+    call = ["git", "describe", "--always", "--dirty", "--abbrev=8"]
+    try:
+        return subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
+def parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    """Command line."""
+    parser = argparse.ArgumentParser(description="Diagnose concealed effects, score, compare with baselines.")
+    selection(parser)
+    parser.add_argument("--all", action="store_true", help="every case of the plan (hours); default: the subset")
+    parser.add_argument("--out", metavar="DIR", type=Path, default=OUT, help="default: %(default)s")
+    parser.add_argument("--docs", metavar="DIR", type=Path, help="write the page there as well")
+    parser.add_argument("--way", choices=("library", "command"), default="library", help="default: %(default)s")
+    parser.add_argument("--workers", metavar="N", type=int, default=1, help="processes (default: %(default)s)")
+    parser.add_argument("--limit", metavar="S", type=float, default=1200, help="seconds for one answer (%(default)s)")
+    parser.add_argument("--no-baselines", action="store_true", help="scpjax only")
+    parser.add_argument("--retry", action="store_true", help="ask again where the answer was an error")
+    parser.add_argument("--score-only", action="store_true", help="score what is there")
+    given = parser.parse_args(argv)
+    if not (given.all or given.cases or given.only or given.sort or given.seeds):
+        given.subset = True
+    return given
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Make, seal, diagnose, score, write."""
+    given = parse(argv)
+    cases = selected(given)
+    methods = ["scpjax"]
+    if not given.no_baselines:
+        methods.append("narx")
+        if sindy.installed():
+            methods.append("pysindy")
+        else:
+            print("PySINDy is not installed: left out of the comparison (pip install '.[baselines]')", file=sys.stderr)
+    if not given.score_only:
+        generate(cases, given.out / "cases", workers=given.workers)
+    else:
+        cases = [c for c in cases if (given.out / "cases" / c.name / "truth.json").exists()]
+    try:
+        run = Run(cases, given.out, way=given.way, methods=methods, limit=given.limit)
+    except BrokenSeal as error:
+        print(error, file=sys.stderr)
+        raise SystemExit(2) from None
+    if not given.score_only:
+        try:
+            run.answer(run.missing(retry=given.retry), workers=given.workers)
+        except KeyboardInterrupt:
+            print("stopped; the same command goes on from here", file=sys.stderr)
+            raise SystemExit(130) from None
+    found = run.report(given.docs)
+    for goal in goals(found):
+        if goal.of:
+            print(f"{'met   ' if goal.met else 'NOT MET'} {goal.share:6.1%} of {goal.of:3d}  {goal.title}")
+    print(
+        f"page: {(given.docs or given.out) / 'concealed.md'}; figures beside it; scores: {given.out / 'results.json'}"
+    )
+
+
+if __name__ == "__main__":
+    main()
