@@ -107,7 +107,8 @@ def _singles() -> list[Case]:
             law, kind = decks.law(effect)
             mess = _MESSY.get(seed, ()) if j == seed % 3 else ()
             inside = (seed == 1 + i % 5 and j == 1 + i % 2) or (seed == 2 and j == 0 and i % 4 == 0)
-            level, files = decks.deal(LEVELS, "level"), decks.deal(range(len(FILES)), "files")
+            level = decks.deal(LEVELS[:2] if tier == "strong" else LEVELS, "level")
+            files = decks.deal(range(len(FILES)), "files")
             out.append(Case("single", ((effect, law),), kind, tier, level, seed, files, mess, inside))
     return out
 
@@ -134,7 +135,7 @@ def _several(size: int) -> list[Case]:
         effects = tuple((n, decks.law(n, (kind,))[0]) for n in chosen)
         tier: Tier = "strong" if seed % 2 else "moderate"
         inside = seed == 1 and i % (15 if size == 2 else 10) == 0
-        level, files = decks.deal(LEVELS, "level"), decks.deal(range(len(FILES)), "files")
+        level, files = decks.deal(LEVELS[:2], "level"), decks.deal(range(len(FILES)), "files")
         out.append(Case(sort, effects, kind, tier, level, seed, files, (), inside))
     return out
 
@@ -170,7 +171,7 @@ def _outside() -> list[Case]:
         for seed in range(1, SEEDS + 1):
             law, kind = decks.law(effect)
             tier: Tier = "strong" if seed % 2 else "moderate"
-            level, files = decks.deal(LEVELS, "level"), decks.deal(range(len(FILES)), "files")
+            level, files = decks.deal(LEVELS[:2], "level"), decks.deal(range(len(FILES)), "files")
             inside = seed == 1 + i % 2 and i % 2 == 0
             out.append(Case("outside", ((effect, law),), kind, tier, level, seed, files, (), inside))
     return out

@@ -42,8 +42,8 @@ class Plant:
 
     @property
     def travel(self) -> float:
-        """Displacement at full drive for ever, of one actuator alone [m]."""
-        return self.coefficient * self.hottest / self.stiffness
+        """Displacement at full drive for ever [m]; a joint's actuators have two springs to move."""
+        return self.coefficient * self.hottest / (self.stiffness * self.sides)
 
     @property
     def settling(self) -> float:

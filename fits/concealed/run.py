@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import queue
+import signal
 import subprocess
 import sys
 import threading
@@ -169,8 +170,13 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     return given
 
 
+def _stopped(signal_number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     """Make, seal, diagnose, score, write."""
+    signal.signal(signal.SIGTERM, _stopped)
     given = parse(argv)
     cases = selected(given)
     methods = ["scpjax"]

@@ -90,17 +90,18 @@ class Slack(Effect):
 
 class AntagonistLoad(Effect):
     """What it pulls against is more than its own spring. engaging: another spring, s k, from x_0 on; lifting: a weight
-    that leaves its support bit by bit, s k X (1 - exp(-x/x_0)); pendulum: a link that the joint raises,
-    s k X sin(angle)."""
+    that leaves its support bit by bit, s k X (1 - exp(-x/x_0)); pendulum: a link that the joint raises
+    from an angle a_0, s k X (sin(a + a_0) - sin a_0)."""
 
     name, subsystem = "antagonist_load", "thermomechanical"
     laws: ClassVar = {"engaging": ("full", "plant"), "lifting": ("full", "plant"), "pendulum": ("joint",)}
     first_guess, most = 0.2, 3.0
 
     def draw(self, rng: np.random.Generator) -> None:
-        if self.law != "pendulum":
-            share = self.between(rng, "from_share", 0.2, 0.45)
-            self.start = share * self.plant.travel
+        if self.law == "pendulum":
+            self.angle = self.between(rng, "from_rad", 0.7, 1.2)
+        else:
+            self.start = self.between(rng, "from_share", 0.2, 0.45) * self.plant.travel
 
     def force(self, now: Now, own: State) -> float:
         k, travel = self.plant.stiffness, self.plant.travel
@@ -108,4 +109,6 @@ class AntagonistLoad(Effect):
             return -self.strength * k * max(0.0, now.x - self.start)
         if self.law == "lifting":
             return -self.strength * k * travel * (1 - exp(-max(now.x, -self.start) / self.start))
-        return -0.5 * self.strength * k * travel * sin(now.x / self.plant.radius)
+        if now.side == 1:  # there is one link
+            return 0.0
+        return -self.strength * k * travel * (sin(now.x / self.plant.radius + self.angle) - sin(self.angle))

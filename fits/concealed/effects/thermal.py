@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from fits.concealed.effect import ALL, Effect, Now, State
+from fits.concealed.effect import ALL, WARM, Effect, Now, State
 
 
 class NonlinearHeatLoss(Effect):
@@ -20,7 +20,7 @@ class NonlinearHeatLoss(Effect):
 
     name, subsystem = "nonlinear_heat_loss", "thermoelectric"
     laws: ClassVar = {"radiation": ALL, "convection": ALL, "mixed": ALL}
-    first_guess, most = 0.5, 6.0
+    first_guess, most = 0.5, 3.0
 
     def draw(self, rng: np.random.Generator) -> None:
         if self.law == "convection":
@@ -46,7 +46,7 @@ class TwoNodeThermal(Effect):
     """
 
     name, subsystem = "two_node_thermal", "thermoelectric"
-    laws: ClassVar = {"core": ("full", "joint"), "wire": ALL, "store": ALL, "layers": ("full", "joint")}
+    laws: ClassVar = {"core": ("full", "joint"), "wire": WARM, "store": ALL, "layers": ("full", "joint")}
     first_guess, most = 0.05, 1.5
 
     def draw(self, rng: np.random.Generator) -> None:
