@@ -17,7 +17,7 @@ from jaxtyping import Array
 
 from scpjax.control.controller import check_number, scalar
 from scpjax.control.errors import ControlError
-from scpjax.physics.balances import coupling
+from scpjax.physics.coupling import coupling
 from scpjax.physics.mechanism import Mechanism
 from scpjax.physics.model import Model
 from scpjax.simulate.exponential import etd2, phi_functions

@@ -8,12 +8,10 @@ made, so that one step of a simulation holds only what it must.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import Literal
 from jaxtyping import Array, Float
 
 from scpjax.physics.mechanism import Mechanism, Values, View
@@ -254,30 +252,3 @@ class Balances:
 def _has(m: Mechanism, hook: str) -> bool:
     """Does the mechanism do anything there?"""
     return getattr(type(m), hook) is not getattr(Mechanism, hook)
-
-
-@cache
-def coupling(structure: Structure) -> tuple[tuple[bool, ...], ...]:
-    """Which state can influence which at all, and so in any exponential of the linear core: (to, from).
-
-    Read off the operations of the balances, whatever the laws and values; closed under composition.
-    """
-    n = structure.n_states
-
-    def rates(z: tuple[Array, ...], effort: Array) -> list[Array]:
-        theta, laws = jnp.asarray(structure.typical()), jnp.zeros(len(structure.mechanisms))
-        return Balances(structure, theta, laws, jnp.asarray(293.15)).rates(list(z), effort)
-
-    scalar = jax.ShapeDtypeStruct((), float)
-    traced = jax.make_jaxpr(rates)((scalar,) * n, jax.ShapeDtypeStruct((len(structure.sides),), float)).jaxpr
-    seen = {v: 1 << i for i, v in enumerate(traced.invars[:n])}
-    depends = lambda v: 0 if isinstance(v, Literal) else seen.get(v, 0)  # noqa: E731
-    for equation in traced.eqns:
-        mask = 0
-        for v in equation.invars:
-            mask |= depends(v)
-        seen |= dict.fromkeys(equation.outvars, mask)
-    reach = np.array([[i == j or bool(depends(v) >> j & 1) for j in range(n)] for i, v in enumerate(traced.outvars)])
-    for _ in range(n):
-        reach = reach | ((reach.astype(int) @ reach.astype(int)) > 0)
-    return tuple(tuple(bool(x) for x in row) for row in reach)

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from scpjax.errors import ModelError
 from scpjax.physics.balances import Balances, Number
+from scpjax.physics.coupling import coupling
 from scpjax.physics.structure import Structure
 
 
@@ -102,14 +103,15 @@ class Model(eqx.Module):
         return jax.jacfwd(self.rates, argnums=(0, 1))(z, effort)
 
     def core(self) -> Float[Array, "n n"]:
-        """A at rest without what `Mechanism.resistance` keeps out: the part that integrators take exactly."""
+        """What integrators take exactly: A at rest without `Mechanism.resistance` and without the time."""
         n = self.structure.n_states
         still, balances = jnp.zeros(len(self.structure.sides), self.theta.dtype), self.balances(core=True)
 
         def rates(z: Array) -> Array:
             return jnp.stack(balances.rates([z[i] for i in range(n)], still))
 
-        return jax.jacfwd(rates)(jnp.zeros(n, self.theta.dtype))
+        a = jax.jacfwd(rates)(jnp.zeros(n, self.theta.dtype))
+        return jnp.where(np.array(coupling(self.structure)), a, 0.0)
 
     def __repr__(self) -> str:
         extra = [m.name for m in self.structure.mechanisms if not m.is_base]

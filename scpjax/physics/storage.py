@@ -166,7 +166,7 @@ class _Reader:
     def laws(self, mechanisms: tuple[Mechanism, ...]) -> list[float]:
         out = []
         for m, row in zip(mechanisms, self.get("mechanisms", list), strict=True):
-            law = row.get("law", m.laws[0]) if isinstance(row, dict) else m.laws[0]
+            law = (row.get("law") if isinstance(row, dict) else "") or m.laws[0]
             self.known(law, f"law of {m.name}", m.laws)
             out.append(float(m.laws.index(law)))
         return out

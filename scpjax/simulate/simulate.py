@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from scpjax.errors import ModelError
-from scpjax.physics.balances import Balances, coupling
+from scpjax.physics.balances import Balances
+from scpjax.physics.coupling import coupling
 from scpjax.physics.mechanism import Mechanism
 from scpjax.physics.model import Model
 from scpjax.recordings.recording import Recording

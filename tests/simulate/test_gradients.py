@@ -112,6 +112,9 @@ def test_mechanisms_by_fixed_steps(case):
     recording = multilevel(duration=DURATION, hold_s=0.1)
     key = name if name in KINKED else "smooth"
     point, step = point_of(model, recording), KINK_STEP if name in KINKED else STEP
+    if case == ("creep", 3):  # away from rest, where the way there and the way back meet
+        at = structure.state_names.index("creep.creep_displacement")
+        point = (point[0], point[1].at[at].multiply(0.9), *point[2:])
     found = derivatives(key, structure, recording, Exponential(order=2), point, model.laws, step)
     base = {m.name for m in structure.mechanisms if m.is_base}
     keep = np.ones(found[0].size, bool)  # without the other mechanisms, which sit on their null's edge

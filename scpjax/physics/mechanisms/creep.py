@@ -7,6 +7,8 @@ import jax.numpy as jnp
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
+DECADE = 10.0  # between the branches of law logarithmic; their sum follows a logarithm to 4 % of a decade's creep
+
 
 class Creep(Mechanism):
     name = "creep"
@@ -14,17 +16,18 @@ class Creep(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "tau dx_c/dt = J e - x_c, e = x - x_c - x_s;  the spring feels e;  "
-        "law two branches: also r tau dx_s/dt = J_s e - x_s"
+        "law two branches: also r tau dx_s/dt = J_s e - x_s;  law logarithmic: J_s = J = half of J each, r = 10;  "
+        "law slow recovery: r tau on the way back"
     )
     source = (
         "Kelvin-Voigt branches in series with the spring: Findley, Lai, Onaran, Creep and Relaxation of Nonlinear "
-        "Viscoelastic Materials, ch. 5"
+        "Viscoelastic Materials, ch. 5; logarithmic: a flat spectrum of retardation times, ch. 5 there"
     )
     says = "Under a steady pull the polymer keeps giving way slowly, and comes back slowly."
     needs = ("mechanical",)
     excited_by = "long holds after a step"
-    laws = ("one branch", "two branches")
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"slow_compliance": (1,), "slow_ratio": (1,)}
+    laws = ("one branch", "two branches", "logarithmic", "slow recovery")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"slow_compliance": (1,), "slow_ratio": (1, 3)}
     states = ("creep_displacement", "slow_creep_displacement")
     parameters = (
         Parameter(
@@ -62,7 +65,8 @@ class Creep(Mechanism):
             name="slow_ratio",
             symbol="r",
             unit="1",
-            description="retardation time of the slower branch over that of the other (law two branches)",
+            description="retardation time of the slower branch over that of the other (law two branches), of the way "
+            "back over that of the way there (law slow recovery)",
             typical=5.0,
             bounds=(1.5, 100.0),
             null=5.0,
@@ -71,9 +75,11 @@ class Creep(Mechanism):
     )
     starts = ((0.3, 1.0, 0.2, 4.0), (0.5, 5.0, 0.3, 4.0))
 
-    def _slow(self, p: Values) -> Side:
-        """Compliance of the slower branch, 0 where the law has only one."""
-        return jnp.where(p.law == 1, p.slow_compliance, 0.0)
+    def _branches(self, p: Values) -> tuple[Side, Side, Side]:
+        """Compliances of both branches, and the ratio of their times."""
+        spread = p.law == 2
+        slow = jnp.where(p.law == 1, p.slow_compliance, jnp.where(spread, 0.5 * p.compliance, 0.0))
+        return p.compliance * jnp.where(spread, 0.5, 1.0), slow, jnp.where(spread, DECADE, p.slow_ratio)
 
     def deflection(self, p: Values, view: View, deflection: Side) -> Side:
         return deflection - view.own[0] - view.own[1]
@@ -81,11 +87,12 @@ class Creep(Mechanism):
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
         quick, slow = view.own
         immediate = view.displacement - quick - slow
-        return (
-            (p.compliance * immediate - quick) / p.time_constant,
-            (self._slow(p) * immediate - slow) / (p.slow_ratio * p.time_constant),
-        )
+        compliance, slow_compliance, ratio = self._branches(p)
+        ahead = compliance * immediate - quick
+        time = p.time_constant * jnp.where((p.law == 3) & (ahead * quick < 0), p.slow_ratio, 1.0)
+        return (ahead / time, (slow_compliance * immediate - slow) / (ratio * p.time_constant))
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
-        immediate = view.displacement / (1 + p.compliance + self._slow(p))
-        return (p.compliance * immediate, self._slow(p) * immediate)
+        quick, slow, _ = self._branches(p)
+        immediate = view.displacement / (1 + quick + slow)
+        return (quick * immediate, slow * immediate)

@@ -52,12 +52,12 @@ class DriveDeadZone(Mechanism):
 
     def effort(self, p: Values, view: View, effort: Side) -> Side:
         limit = p.threshold * p.reference
-        volts = root(effort)
-        passed = volts - clipped(volts, limit, ROUND * limit)
+        volts = root(jnp.maximum(effort, 0.0))  # what a dead time shifts may fall short of 0 by rounding
+        passed = 1.0 - clipped(volts, limit, ROUND * limit) / volts
         odds = jnp.minimum(limit**2 / (effort + 1e-6 * p.reference**2), TOP)
         for _ in range(3):
             odds = odds * odds
-        return jnp.where(p.law == 0, passed**2, effort / (1.0 + odds))
+        return effort * jnp.where(p.law == 0, passed * passed, 1.0 / (1.0 + odds))
 
     def effort_for(self, p: Values, view: View, effort: Side) -> Side:
         limit = p.threshold * p.reference

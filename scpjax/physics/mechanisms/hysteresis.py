@@ -1,5 +1,7 @@
 """Hysteresis: heating and cooling take different paths through the same displacement."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from scpjax.parameter import Parameter
@@ -7,17 +9,28 @@ from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
 OVER = 1.05  # |z| stays below 1 but for the integrator's overshoot, which is cut off here
 
+NARROWER = 3.0  # the second play's width goes into that of the first so many times
+SHARP = 8.0  # sharpness of the corners of plays
+
 
 class Hysteresis(Mechanism):
     name = "hysteresis"
     title = "Hysteresis"
     subsystem = "thermomechanical"
-    equation = "F = -h k w z,  dz/dt = (v/w) (1 - |z|^n (1 + sign(v z))/2)"
-    source = "Bouc-Wen, rate independent: Ismail, Ikhouane, Rodellar, Arch. Comput. Methods Eng. 16 (2009) 161"
+    equation = (
+        "F = -h k w z;  law Bouc-Wen: dz/dt = (v/w) (1 - |z|^n (1 + sign(v z))/2);  law Duhem: dz/dt = (v - |v| z)/w;  "
+        "law plays: two plays of widths w and w/3, F = -h k w (z + z_2/3)/2, each as Bouc-Wen with n = 8"
+    )
+    source = (
+        "Bouc-Wen, rate independent: Ismail, Ikhouane, Rodellar, Arch. Comput. Methods Eng. 16 (2009) 161; Duhem and "
+        "plays: Visintin, Differential Models of Hysteresis (1994), ch. III, V"
+    )
     says = "The way back is not the way there: after a reversal the displacement stays behind."
     needs = ("mechanical",)
     excited_by = "reversals of different size"
-    states = ("internal_stretch",)
+    laws = ("Bouc-Wen", "Duhem", "plays")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"sharpness": (0,)}
+    states = ("internal_stretch", "second_stretch")
     parameters = (
         Parameter(
             name="strength",
@@ -43,7 +56,7 @@ class Hysteresis(Mechanism):
             name="sharpness",
             symbol="n",
             unit="1",
-            description="how abruptly it slips",
+            description="how abruptly it slips (law Bouc-Wen)",
             typical=3.0,
             bounds=(1.0, 30.0),
             null=3.0,
@@ -63,14 +76,23 @@ class Hysteresis(Mechanism):
     starts = ((0.3, 0.15, 3.0, 0.0), (2.0, 0.02, 2.0, 0.0))
 
     def force(self, p: Values, view: View) -> Side:
-        return -p.strength * view.shared["stiffness"] * p.width * p.reference * jnp.clip(view.own[0], -OVER, OVER)
+        first, second = (jnp.clip(z, -OVER, OVER) for z in view.own)
+        stretch = jnp.where(p.law == 2, 0.5 * (first + second / NARROWER), first)
+        return -p.strength * view.shared["stiffness"] * p.width * p.reference * stretch
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
-        z = jnp.clip(view.own[0], -OVER, OVER)
+        first, second = (jnp.clip(z, -OVER, OVER) for z in view.own)
         rate = view.velocity / (p.width * p.reference)
-        fill = jnp.exp(p.sharpness * jnp.log(jnp.sqrt(z**2 + 1e-12)))
+        sharpness = jnp.where(p.law == 2, SHARP, p.sharpness)
+        fill = jnp.exp(sharpness * jnp.log(jnp.sqrt(first**2 + 1e-12)))
+        slip = rate * (1.0 - fill * jnp.where(rate * first > 0, 1.0, 0.0))
+        slip = jnp.where(p.law == 1, rate - jnp.abs(rate) * first, slip)
+        eighth = ((second * second) ** 2) ** 2
+        other = NARROWER * rate * (1.0 - eighth * jnp.where(rate * second > 0, 1.0, 0.0))
         # left out (strength 0), the element rests: its state could not matter and a step might be too long for it
-        return (jnp.where(p.strength > 0, rate * (1.0 - fill * jnp.where(rate * z > 0, 1.0, 0.0)), 0.0),)
+        there = p.strength > 0
+        return (jnp.where(there, slip, 0.0), jnp.where(there & (p.law == 2), other, 0.0))
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
-        return (jnp.zeros_like(view.displacement),)
+        rest = jnp.zeros_like(view.displacement)
+        return (rest, rest)

@@ -1,5 +1,7 @@
 """Heat loss that grows faster than the temperature excess: natural convection and radiation."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from scpjax.parameter import Parameter
@@ -10,7 +12,10 @@ class NonlinearHeatLoss(Mechanism):
     name = "nonlinear_heat_loss"
     title = "Heat loss grows faster than the temperature"
     subsystem = "thermoelectric"
-    equation = "loss = lambda T (1 + a (|T|/T_ref)^n)"
+    equation = (
+        "law power: loss = lambda T (1 + a (|T|/T_ref)^n);  law radiation: loss = lambda T (1 + a r(T)/r(T_ref)), "
+        "r T = (T_a + T)^4 - T_a^4 - 4 T_a^3 T"
+    )
     source = (
         "natural convection n = 1/4, radiation about n = 1: "
         "Incropera, Fundamentals of Heat and Mass Transfer, ch. 9, 12"
@@ -18,6 +23,8 @@ class NonlinearHeatLoss(Mechanism):
     says = "A hot actuator loses more heat per degree than a warm one, because the air rises faster and it glows."
     needs = ("thermal",)
     excited_by = "cooling curves and steady states at several voltages"
+    laws = ("power", "radiation")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"exponent": (0,)}
     parameters = (
         Parameter(
             name="strength",
@@ -33,7 +40,7 @@ class NonlinearHeatLoss(Mechanism):
             name="exponent",
             symbol="n",
             unit="1",
-            description="growth of the conductance with the temperature excess",
+            description="growth of the conductance with the temperature excess (law power)",
             typical=0.5,
             bounds=(0.15, 2.0),
             null=0.5,
@@ -55,5 +62,8 @@ class NonlinearHeatLoss(Mechanism):
     def heat(self, p: Values, view: View) -> Side:
         # the small floor keeps the derivative of |T|^n finite at T = 0, far below any thermometer's resolution
         relative = jnp.sqrt(view.temperature**2 + (1e-5 * p.reference) ** 2) / p.reference
-        growth = jnp.exp(p.exponent * jnp.log(relative))
+        power = jnp.exp(p.exponent * jnp.log(relative))
+        warm, hot = view.temperature / view.ambient, p.reference / view.ambient
+        radiated = warm * (6.0 + warm * (4.0 + warm)) / (hot * (6.0 + hot * (4.0 + hot)))
+        growth = jnp.where(p.law == 1, radiated, power)
         return -view.shared["conductance"] * p.strength * growth * view.temperature
