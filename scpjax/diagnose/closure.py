@@ -11,16 +11,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import jax.numpy as jnp
 import numpy as np
 
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Closure
 from scpjax.diagnose.select import Comparison, Evidence, compare
-from scpjax.diagnose.trials import State, fit_leading, residual_on
+from scpjax.diagnose.trials import State, fit_leading, grown, laws_of
 from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.result import Estimate
-from scpjax.fit.setup import Setup, restructured
+from scpjax.fit.setup import Setup, carry
 from scpjax.fit.solve import batches, binned_of, evaluate, solve_all, stack
 from scpjax.physics.catalogue import mechanism
 from scpjax.physics.mechanism import Mechanism
@@ -34,9 +33,8 @@ _STEPS = 60
 
 @dataclass(frozen=True)
 class Learned:
-    """A closure found: the problem and hypothesis that hold it, and the evidence."""
+    """A closure found: the hypothesis that holds it, and the evidence."""
 
-    setup: Setup
     state: State
     terms: tuple[str, ...]  # keys
     evidence: Comparison
@@ -49,10 +47,10 @@ class _Offer:
     term: Term
 
 
-def learn(setup: Setup, state: State, split: Split, rules: Evidence) -> Learned | None:
+def learn(state: State, split: Split, rules: Evidence) -> Learned | None:
     """The closure that the recordings ask for beyond ``state``; None when no sum of terms is better than none."""
-    problem = _with_terms(setup, state)
-    before = current = _carried(setup, problem, state)
+    problem = _with_terms(state.setup)
+    before = current = _carried(problem, state)
     offers = _offers(problem)
     chosen: tuple[str, ...] = ()
     while len(chosen) < _CHUNK:
@@ -67,14 +65,12 @@ def learn(setup: Setup, state: State, split: Split, rules: Evidence) -> Learned 
         return None
     current, chosen = _pruned(problem, current, chosen, split, rules)
     whole = compare(before, current, "closure", "", split, rules, len(chosen))
-    return Learned(problem, current, chosen, whole) if whole.accepted else None
+    return Learned(current, chosen, whole) if whole.accepted else None
 
 
-def _with_terms(setup: Setup, state: State) -> Setup:
-    """The problem with the named mechanisms and all learnable terms in its model."""
-    kept = tuple(m for m in setup.structure.mechanisms if m.is_base or m.name in state.names)
-    extra = tuple(mechanism(n) for n in _LEARNED if _possible(setup, mechanism(n)))
-    new = restructured(setup, replace(setup.structure, mechanisms=kept + extra))
+def _with_terms(setup: Setup) -> Setup:
+    """The problem with all learnable terms in its model."""
+    new = grown(setup, *(mechanism(n) for n in _LEARNED if _possible(setup, mechanism(n))))
     values = _references(setup)
     fixed = new.fixed.copy()
     for slot in new.structure.slots:
@@ -115,27 +111,16 @@ def _place(key: str) -> str:
     return f"{m} {name.split('_')[0]}" if m == "learned_reading" else m
 
 
-def _carried(setup: Setup, problem: Setup, state: State) -> State:
+def _carried(problem: Setup, state: State) -> State:
     """The hypothesis in the problem with terms, all of them zero."""
-    old = np.asarray(setup.space.values(state.trial.free, state.trial.fixed, state.trial.active))
-    value = problem.starts[0].copy()
-    active = np.zeros(len(value), bool)
-    was_active = np.asarray(state.trial.active)
-    n_new, n_old = len(problem.structure.slots), len(setup.structure.slots)
-    fixed = problem.fixed.copy()
-    for slot in problem.structure.slots:
-        if slot.key in setup.structure.index:
-            i = setup.structure.index[slot.key]
-            value[slot.index], active[slot.index] = old[i], was_active[i]
-            if not was_active[i]:
-                fixed[slot.index] = old[i]
-    value[n_new:], active[n_new:] = old[n_old:], was_active[n_old:]
-    laws_by_name = {
-        m.name: float(law) for m, law in zip(setup.structure.mechanisms, np.asarray(state.trial.laws), strict=True)
-    }
-    laws = np.array([laws_by_name.get(m.name, 0.0) for m in problem.structure.mechanisms])
+    old, new = state.setup.structure, problem.structure
+    n = len(new.slots)
+    value = carry(old, new, state.values, np.asarray(problem.starts[0])[:n])
+    active = carry(old, new, np.asarray(state.trial.active), np.zeros(n)).astype(bool)
+    fixed = carry(old, new, np.asarray(state.trial.fixed), problem.fixed[:n])
+    laws = laws_of(state.setup, np.asarray(state.trial.laws), problem)
     trial = replace(problem, fixed=fixed).trial(value, active, laws, int(active.sum()) + _CHUNK)
-    return State(state.names, trial, state.residual, state.cost)
+    return State(problem, trial, state.residual, state.cost)
 
 
 def _moving(problem: Setup, state: State, keys: Sequence[str]) -> Trial:
@@ -179,7 +164,7 @@ def _fitted(problem: Setup, state: State, split: Split, sets: Sequence[tuple[str
     solved, costs = fit_leading(problem, split, trials, state.cost, _STEPS)
     residuals = binned_of(solved, split.whole, problem.space)
     residuals[np.any(np.abs(residuals) >= CEILING, axis=(1, 2, 3))] = 10.0 * state.residual
-    return [State(state.names, t, r, float(c)) for t, r, c in zip(solved, residuals, costs, strict=True)]
+    return [State(problem, t, r, float(c)) for t, r, c in zip(solved, residuals, costs, strict=True)]
 
 
 def _pruned(
@@ -191,7 +176,7 @@ def _pruned(
         bare = [replace_active(problem, state, out) for out in chosen]
         solved, costs, _ = solve_all(bare, split.train, problem.space, max_steps=_STEPS, tolerance=0.02)
         residuals = binned_of(solved, split.whole, problem.space)
-        fewer = [State(state.names, t, r, float(c)) for t, r, c in zip(solved, residuals, costs, strict=True)]
+        fewer = [State(problem, t, r, float(c)) for t, r, c in zip(solved, residuals, costs, strict=True)]
         lost = [compare(f, state, "closure", "", split, rules, 1) for f in fewer]
         spare = [i for i, c in enumerate(lost) if not c.accepted]
         if not spare:
@@ -306,12 +291,6 @@ def _at_noise(state: State, split: Split) -> bool:
     return bool(max(levels) < 1.1)
 
 
-def again(found: Learned, trial: Trial, split: Split) -> State:
-    """The hypothesis of a closure at another trial of its problem."""
-    residual = residual_on(trial, split.whole, found.setup)
-    return State(found.state.names, trial, residual, float(jnp.sum(residual[split.is_train] ** 2)))
-
-
 # -- in words -----------------------------------------------------------------------------------------------------
 
 _SYMBOLS = (
@@ -330,7 +309,7 @@ _WHAT = {
 
 def describe(found: Learned, every: Mapping[str, Estimate]) -> Closure:
     """The closure as an expression with units; ``every`` holds the estimates of its final fit by key."""
-    problem, place = found.setup, _place(found.terms[0])
+    problem, place = found.state.setup, _place(found.terms[0])
     what, unit, subsystem = _WHAT[place]
     terms = {o.key: o.term for o in _offers(problem)}
     references = _references(problem)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from scpjax.diagnose.latent import missing
 from scpjax.diagnose.locate import locate, observe
 from scpjax.diagnose.result import Closure, Diagnosis, Latent, Named, Scores, Verdict
 from scpjax.diagnose.select import Choice, Evidence, Progress, choose
-from scpjax.diagnose.trials import State, residual_on, widest
+from scpjax.diagnose.trials import State, grown, residual_on
 from scpjax.fit.colour import Whitener
 from scpjax.fit.data import Data
 from scpjax.fit.fit import (
@@ -28,8 +28,8 @@ from scpjax.fit.fit import (
 )
 from scpjax.fit.identifiability import estimates, uncertainty
 from scpjax.fit.problem import Trial
-from scpjax.fit.setup import Setup, prepare
-from scpjax.physics.catalogue import left_out
+from scpjax.fit.setup import Setup, prepare, what_there_is
+from scpjax.physics.catalogue import applicable, left_out
 from scpjax.recordings.recording import Recording
 
 _AT_NOISE = 1.15  # ratio of residual to noise, in some column, up to which nothing more is asked for
@@ -72,47 +72,43 @@ def diagnose(
     setup = prepare(
         recordings,
         model=model,
-        extra=left_out(),
         fixed=fixed,
         bin=options.bin,
         order=options.order,
         substeps=options.substeps,
     )
-    width = widest(setup, options.evidence.most)
+    candidates = (m for m in left_out() if applicable(m, what_there_is(setup.structure, setup.recordings)))
+    catalogue = grown(setup, *candidates)
     tell("fitting the base model", 0.05)
-    parts, base, notes = _base(setup, width)
-    choice = choose(setup, base, parts, options.evidence, width=width, max_steps=options.max_steps, progress=tell)
+    parts, base, notes = _base(setup)
+    choice = choose(base, parts, options.evidence, catalogue, max_steps=options.max_steps, progress=tell)
     if choice.state.names:  # jumps inside gaps are timed better by the better model
-        again, data, _ = settle(setup, choice.state.trial, parts.train, drop_outliers=False)
+        problem = choice.state.setup
+        again, data, _ = settle(problem, choice.state.trial, parts.train, drop_outliers=False)
         parts = _with_effort(parts, data)
-        choice = Choice(
-            _state(setup, parts, choice.state.names, again),
-            choice.ranking,
-            choice.probability,
-            choice.equivalents,
-        )
+        choice = replace(choice, state=_state(problem, parts, again))
     learned = None
     if level(choice.state, parts) > _AT_NOISE:
         tell("learning what the catalogue does not hold", 0.75)
-        choice, learned = _closure(setup, parts, base, choice, options.evidence)
+        choice, learned = _closure(parts, base, choice, options.evidence)
     tell("fitting the chosen model to all data", 0.85)
     return _report(setup, parts, base, choice, learned, notes, began, options)
 
 
-def _base(setup: Setup, width: int) -> tuple[Split, State, tuple[str, ...]]:
+def _base(setup: Setup) -> tuple[Split, State, tuple[str, ...]]:
     """The base model fitted to the training part, jumps in gaps timed and wild samples out."""
     parts = split(setup.data)
-    trial, _, _ = best_start(setup, parts.train, width=width)
+    trial, _, _ = best_start(setup, parts.train)
     trial, data, notes = settle(setup, trial, setup.data)
     if data is not setup.data:
         parts = split(data)
     trial, _, _ = refine(setup, parts.train, trial)
-    return parts, _state(setup, parts, (), trial), notes
+    return parts, _state(setup, parts, trial), notes
 
 
-def _state(setup: Setup, parts: Split, names: tuple[str, ...], trial: Trial) -> State:
+def _state(setup: Setup, parts: Split, trial: Trial) -> State:
     residual = residual_on(trial, parts.whole, setup)
-    return State(names, trial, residual, float(np.sum(residual[parts.is_train] ** 2)))
+    return State(setup, trial, residual, float(np.sum(residual[parts.is_train] ** 2)))
 
 
 def level(state: State, parts: Split) -> float:
@@ -127,7 +123,7 @@ def _excess(state: State, where: np.ndarray) -> float:
     return max(float(np.sum(state.residual[where] ** 2) - where.sum()), 0.0)
 
 
-def _closure(setup: Setup, parts: Split, base: State, choice: Choice, rules: Evidence) -> tuple[Choice, Learned | None]:
+def _closure(parts: Split, base: State, choice: Choice, rules: Evidence) -> tuple[Choice, Learned | None]:
     """What is to be said when the named mechanisms do not reach the noise.
 
     Names that leave much of the misfit are false if a closure without them predicts the held-out stretches far better,
@@ -137,7 +133,7 @@ def _closure(setup: Setup, parts: Split, base: State, choice: Choice, rules: Evi
     whole, left = _excess(base, held), _excess(choice.state, held)
     if left <= _LITTLE_LEFT * whole:
         return choice, None
-    alone = learn(setup, base, parts, rules)
+    alone = learn(base, parts, rules)
     if not choice.state.names:
         return choice, alone
     nameless = Choice(base, choice.ranking, {}, {})
@@ -145,7 +141,7 @@ def _closure(setup: Setup, parts: Split, base: State, choice: Choice, rules: Evi
         return nameless, alone
     if left > _MOST_LEFT * whole:
         return nameless, alone
-    return choice, learn(setup, choice.state, parts, rules)
+    return choice, learn(choice.state, parts, rules)
 
 
 def _with_effort(parts: Split, data: Data) -> Split:
@@ -169,18 +165,19 @@ def _report(
     began: float,
     options: DiagnoseOptions,
 ) -> Diagnosis:
-    problem, state = (learned.setup, learned.state) if learned else (setup, choice.state)
+    state = learned.state if learned else choice.state
+    problem = state.setup
     held = np.where(parts.mask, np.asarray(parts.whole.weights), 0.0)
     train = np.asarray(parts.train.weights)
-    final, final_data = _final(problem, parts, state)
-    base_final, _ = _final(setup, parts, base)
+    final, final_data = _final(parts, state)
+    base_final, _ = _final(parts, base)
     doubt = uncertainty(final, final_data, problem.space, coloured=final_data is parts.whole)
     every = estimates(final, problem.space, doubt)
     binned = observe(setup, parts.whole, base.trial, base.residual)
     lacking = missing(setup, parts.whole, base.trial, binned)
-    named = _named(setup, choice, every)
+    named = _named(choice, every)
     closure = describe(learned, every) if learned else None
-    subsystem = closure.subsystem if closure and not named else _subsystem(setup, choice, lacking)
+    subsystem = closure.subsystem if closure and not named else _subsystem(choice, lacking)
     verdict, says = _verdict(choice.state, parts, named, closure)
     noise = noise_by_column(setup)
     model = " + ".join((setup.structure.name, *choice.state.names, *(["closure"] if learned else [])))
@@ -222,13 +219,13 @@ def _report(
     )
 
 
-def _final(setup: Setup, parts: Split, state: State) -> tuple[Trial, Data]:
+def _final(parts: Split, state: State) -> tuple[Trial, Data]:
     """The hypothesis fitted to all data, by generalised least squares where its residuals stay coloured.
 
     The colour is believed if the held-out stretches, filtered by it, are predicted no worse by a training fit that
     uses it than by one that does not.
     """
-    there = parts.is_train | parts.is_held
+    setup, there = state.setup, parts.is_train | parts.is_held
     white = Whitener.learn(state.residual, there)
     trial, _, _ = refine(setup, parts.whole, state.trial)
     if white.is_white:
@@ -245,11 +242,11 @@ def _final(setup: Setup, parts: Split, state: State) -> tuple[Trial, Data]:
     return trial, data
 
 
-def _named(setup: Setup, choice: Choice, every: Mapping) -> tuple[Named, ...]:
+def _named(choice: Choice, every: Mapping) -> tuple[Named, ...]:
     out = []
-    laws = choice.state.laws(setup)
+    laws = choice.state.laws
     for name in choice.state.names:
-        m = setup.structure.mechanism(name)
+        m = choice.state.setup.structure.mechanism(name)
         mine = {k.split(".")[1]: e for k, e in every.items() if k.startswith(f"{name}.")}
         out.append(
             Named(
@@ -268,10 +265,10 @@ def _named(setup: Setup, choice: Choice, every: Mapping) -> tuple[Named, ...]:
     return tuple(out)
 
 
-def _subsystem(setup: Setup, choice: Choice, lacking: Sequence[Latent]) -> str:
+def _subsystem(choice: Choice, lacking: Sequence[Latent]) -> str:
     """The balance of the mechanism that removes most; without one, that which best answers for the misfit."""
     if choice.state.names:
-        return setup.structure.mechanism(choice.state.names[0]).subsystem
+        return choice.state.setup.structure.mechanism(choice.state.names[0]).subsystem
     return lacking[0].subsystem
 
 

@@ -12,18 +12,15 @@ from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.trials import (
     State,
     afresh,
-    candidates,
+    at_rest,
     fit_promising,
-    moving_parameters,
-    residual_on,
+    screen,
     start_value,
-    trials_with,
+    trial_at,
     without,
 )
 from scpjax.fit.colour import Whitener
-from scpjax.fit.fit import refine
-from scpjax.fit.problem import Trial
-from scpjax.fit.setup import Setup
+from scpjax.fit.setup import Setup, laws_that_can_act
 from scpjax.physics.mechanism import Mechanism
 
 Progress = Callable[[str, float], None]
@@ -86,36 +83,26 @@ def compare(before: State, after: State, added: str, law: str, split: Split, rul
 
 
 def try_all(
-    setup: Setup, state: State, split: Split, rules: Evidence, *, width: int, max_steps: int
+    state: State, split: Split, rules: Evidence, catalogue: Setup, *, max_steps: int, tell: Callable[[str], None]
 ) -> list[Comparison]:
     """Every mechanism not yet in: all its laws and starts screened, what promises something fitted; best law of each.
 
     The best law is the one with evidence for it: a wider one fits the training part better and may predict worse.
     """
-    labels: list[tuple[Mechanism, int]] = []
-    trials: list[Trial] = []
-    for m in candidates(setup):
-        if m.name in state.names:
-            continue
-        for law, trial in trials_with(setup, state, m, width):
-            labels.append((m, law))
-            trials.append(trial)
-    if not trials:
-        return []
-    fitted = fit_promising(setup, state, split, trials, [(m.name, law) for m, law in labels], max_steps)
+    candidates = [m for m in catalogue.structure.mechanisms if not m.is_base and m.name not in state.names]
+    promises = screen(state, split, catalogue, candidates)
+    fitted = fit_promising(state, split, promises, max_steps, tell)
     out = []
-    for m in dict.fromkeys(m for m, _ in labels):
-        laws: dict[int, State] = {}
-        for i, (other, law) in enumerate(labels):
-            if other is m and i in fitted and (law not in laws or fitted[i].cost < laws[law].cost):
-                laws[law] = fitted[i]
-        # no start of it promised anything: as it was, for more parameters
-        laws = laws or {0: State((*state.names, m.name), state.trial, state.residual, state.cost)}
+    for promise in promises:
+        m = promise.mechanism
         found = [
             compare(state, after, m.name, m.laws[law], split, rules, len(m.free_parameters(law)))
-            for law, after in laws.items()
+            for law, after in fitted.get(m.name, {}).items()
         ]
-        out.append(_best_law(m, found, split, rules))
+        if found:
+            out.append(_best_law(m, found, split, rules))
+        else:  # it promised nothing: as it was, for more parameters
+            out.append(compare(state, state, m.name, m.laws[0], split, rules, len(m.free_parameters(0))))
     return sorted(out, key=lambda c: -c.delta_bic)
 
 
@@ -171,23 +158,27 @@ def equals(best: Comparison, others: Sequence[Comparison], split: Split) -> tupl
 
 
 def choose(
-    setup: Setup,
     base: State,
     split: Split,
     rules: Evidence,
+    catalogue: Setup,
     *,
-    width: int,
     max_steps: int = 40,
     progress: Progress | None = None,
 ) -> Choice:
-    """Forward selection with pruning, from the base hypothesis."""
+    """Forward selection with pruning, from the base hypothesis; ``catalogue`` is the problem with every candidate."""
     state, ranking = base, []
     chance: dict[str, float] = {}
     equivalents: dict[str, tuple[str, ...]] = {}
     for round_ in range(1, rules.most + 1):
-        if progress:
-            progress(f"trying every mechanism (round {round_})", 0.2 + 0.2 * (round_ - 1))
-        tried = try_all(setup, state, split, rules, width=width, max_steps=max_steps)
+        at = 0.15 + 0.2 * (round_ - 1)
+
+        def tell(text: str, at: float = at, round_: int = round_) -> None:
+            if progress:
+                progress(f"round {round_}: trying {text}", at)
+
+        tell("every mechanism")
+        tried = try_all(state, split, rules, catalogue, max_steps=max_steps, tell=tell)
         p = probabilities(tried)
         ranking += [Ranked(c.added, c.delta_bic, c.held_out_gain, p[c.added], c.law, round_) for c in tried]
         accepted = [c for c in tried if c.accepted]
@@ -196,43 +187,42 @@ def choose(
         best = accepted[0]
         equivalents[best.added] = equals(best, accepted, split)
         chance[best.added] = p[best.added] + sum(p[e] for e in equivalents[best.added])
-        state = afresh(setup, best.state, split, width)
-        state = _other_laws(setup, state, best.added, split, rules, width)
-        state = _prune(setup, state, split, rules, width)
+        state = afresh(best.state, split)
+        state = _other_laws(state, best.added, split, rules)
+        state = _prune(state, split, rules)
         if _at_noise(state, split):
             break
     chance = {n: c for n, c in chance.items() if n in state.names}
     return Choice(state, tuple(ranking), chance, {n: equivalents.get(n, ()) for n in state.names})
 
 
-def _prune(setup: Setup, state: State, split: Split, rules: Evidence, width: int) -> State:
+def _prune(state: State, split: Split, rules: Evidence) -> State:
     """Take out what a later mechanism has made superfluous."""
     for name in state.names[:-1]:
-        fewer = without(setup, state, name, split, width)
-        m, law = setup.structure.mechanism(name), state.laws(setup)[name]
-        extra = len(m.free_parameters(m.laws.index(law)))
+        fewer = without(state, name, split)
+        m = state.setup.structure.mechanism(name)
+        extra = len(m.free_parameters(m.laws.index(state.laws[name])))
         if not compare(fewer, state, name, "", split, rules, extra).accepted:
             state = fewer
     return state
 
 
-def _other_laws(setup: Setup, state: State, name: str, split: Split, rules: Evidence, width: int) -> State:
+def _other_laws(state: State, name: str, split: Split, rules: Evidence) -> State:
     """A mechanism just named, under its wider laws from where it stands: they start best from a narrower fit."""
+    setup = state.setup
     m = setup.structure.mechanism(name)
     which = next(i for i, other in enumerate(setup.structure.mechanisms) if other.name == name)
-    now = int(state.trial.laws[which])
-    stands = np.array(setup.space.values(state.trial.free, state.trial.fixed, state.trial.active))
+    now = int(np.asarray(state.trial.laws)[which])
     best, free = state, m.free_parameters(now)
-    for law in range(now + 1, len(m.laws)):
+    for law in laws_that_can_act(setup, m):
         added = [p for p in m.free_parameters(law) if p not in free]
-        value = stands.copy()
+        if law == now or not set(free) < set(m.free_parameters(law)):
+            continue
+        value, laws = state.values, np.asarray(state.trial.laws).copy()
         for p in added:
             value[setup.structure.index[f"{name}.{p.name}"]] = start_value(setup, m, p)
-        laws = np.asarray(state.trial.laws).copy()
         laws[which] = law
-        trial = setup.trial(value, moving_parameters(setup, state.names, laws), laws, width)
-        trial, _, cost = refine(setup, split.train, trial, max_steps=80)
-        after = State(state.names, trial, residual_on(trial, split.whole, setup), cost)
+        after = at_rest(setup, split, [trial_at(setup, value, laws)], max_steps=80)
         if compare(best, after, name, m.laws[law], split, rules, max(len(added), 1)).accepted:
             best = after
     return best

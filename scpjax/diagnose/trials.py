@@ -1,80 +1,121 @@
-"""Hypotheses and the trials that fit them: mechanisms added to a base model, from several starts."""
+"""Hypotheses and the trials that fit them: mechanisms added to a base model, from several starts.
+
+Every hypothesis has a model of its own that holds only what it names, which compiles and runs quickly; all candidates
+together are only simulated, to see which are worth fitting.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import nnls
 
 from scpjax.diagnose.holdout import Split
 from scpjax.fit.data import Data
-from scpjax.fit.fit import refine
 from scpjax.fit.problem import CEILING, Trial
-from scpjax.fit.setup import Setup
-from scpjax.fit.solve import ABREAST, batches, binned_of, evaluate, solve_all, stack
+from scpjax.fit.setup import Setup, carry, laws_that_can_act, restructured
+from scpjax.fit.solve import binned_of, evaluate, residuals_at, solve_all, stack
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism
 
 
 @dataclass(frozen=True)
 class State:
-    """A hypothesis fitted to the training part: its mechanisms (with laws) and binned residuals on all data."""
+    """A hypothesis fitted to the training part, and its binned residuals on all data."""
 
-    names: tuple[str, ...]
+    setup: Setup
     trial: Trial
     residual: np.ndarray  # (r, k, y) over training and held-out samples
     cost: float
 
-    def laws(self, setup: Setup) -> dict[str, str]:
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Left-out mechanisms in its model, in the order in which they were named."""
+        return tuple(m.name for m in self.setup.structure.mechanisms if not (m.is_base or m.learned))
+
+    @property
+    def laws(self) -> dict[str, str]:
         """Law of each mechanism named."""
-        return {
-            m.name: m.laws[int(self.trial.laws[i])]
-            for i, m in enumerate(setup.structure.mechanisms)
-            if m.name in self.names
-        }
+        which = np.asarray(self.trial.laws)
+        return {m.name: m.laws[int(which[i])] for i, m in enumerate(self.setup.structure.mechanisms)}
+
+    @property
+    def values(self) -> np.ndarray:
+        """Physical values of all parameters and locals."""
+        return np.array(self.setup.space.values(self.trial.free, self.trial.fixed, self.trial.active))
 
 
-def candidates(setup: Setup) -> tuple[Mechanism, ...]:
-    """The left-out mechanisms that were put into the structure: those that can act and be seen."""
-    return tuple(m for m in setup.structure.mechanisms if not m.is_base)
+@dataclass(frozen=True)
+class Start:
+    """Where a fit of a mechanism under a law may begin: physical values over the grown problem."""
+
+    mechanism: Mechanism
+    law: int
+    own: tuple[float, ...]  # values of the mechanism's parameters
+    value: np.ndarray
+    laws: np.ndarray
 
 
-def moving_parameters(setup: Setup, names: Sequence[str], laws: np.ndarray) -> np.ndarray:
-    """Entries that move when these mechanisms are in, under these laws (mechanisms,)."""
+def grown(setup: Setup, *added: Mechanism) -> Setup:
+    """The problem with more mechanisms in its model."""
+    return restructured(setup, setup.structure.with_mechanisms(*added))
+
+
+def reduced(setup: Setup, name: str) -> Setup:
+    """The problem without one mechanism."""
+    kept = tuple(m for m in setup.structure.mechanisms if m.name != name)
+    return restructured(setup, replace(setup.structure, mechanisms=kept))
+
+
+def laws_of(old: Setup, laws: np.ndarray, new: Setup) -> np.ndarray:
+    """Laws over the mechanisms of another problem, 0 where new."""
+    known = {m.name: float(law) for m, law in zip(old.structure.mechanisms, laws, strict=True)}
+    return np.array([known.get(m.name, 0.0) for m in new.structure.mechanisms])
+
+
+def moving_parameters(setup: Setup, laws: np.ndarray) -> np.ndarray:
+    """Entries that move under these laws (mechanisms,)."""
     active = setup.base_active.copy()
     free = {m.name: m.free_parameters(int(law)) for m, law in zip(setup.structure.mechanisms, laws, strict=True)}
     for slot in setup.structure.slots:
-        if slot.mechanism in names and slot.parameter in free[slot.mechanism]:
+        m = setup.structure.mechanism(slot.mechanism)
+        if not (m.is_base or m.learned) and slot.parameter in free[slot.mechanism]:
             active[slot.index] = True
     return active
 
 
-def widest(setup: Setup, most: int) -> int:
-    """Places enough for the base and the ``most`` mechanisms with the most parameters."""
-    counts = sorted((sum(not p.fixed for p in m.parameters) for m in candidates(setup)), reverse=True)
-    return int(setup.base_active.sum()) + sum(counts[:most])
+def width(setup: Setup) -> int:
+    """Places enough for any laws of the mechanisms in the model."""
+    mine = [m for m in setup.structure.mechanisms if not (m.is_base or m.learned)]
+    return int(setup.base_active.sum()) + sum(sum(not p.fixed for p in m.parameters) for m in mine)
 
 
-def trials_with(setup: Setup, state: State, added: Mechanism, width: int) -> list[tuple[int, Trial]]:
-    """(law, trial) for every law and start of a mechanism added to a hypothesis."""
-    names = (*state.names, added.name)
-    now = np.asarray(setup.space.values(state.trial.free, state.trial.fixed, state.trial.active))
-    which = next(i for i, m in enumerate(setup.structure.mechanisms) if m.name == added.name)
+def trial_at(setup: Setup, value: np.ndarray, laws: np.ndarray) -> Trial:
+    """Everything that these laws have moving, from physical values."""
+    return setup.trial(value, moving_parameters(setup, laws), laws, width(setup))
+
+
+def starts_with(state: State, added: Mechanism, problem: Setup) -> list[Start]:
+    """Every law and start of a mechanism added to a hypothesis, over a problem that holds it."""
+    old = state.setup
+    null = np.asarray(problem.starts[0])[: len(problem.structure.slots)]
+    now = carry(old.structure, problem.structure, state.values, null)
+    laws = laws_of(old, np.asarray(state.trial.laws), problem)
+    which = next(i for i, m in enumerate(problem.structure.mechanisms) if m.name == added.name)
     out = []
-    laws = range(len(added.laws))
-    if added.name == "resistance_temperature":  # the drive says which law holds
-        laws = [1 if setup.structure.drive == "current" else 0]
-    for law in laws:
+    for law in laws_that_can_act(problem, added):
         for start in added.starts:
-            value = now.copy()
+            value, vector = now.copy(), laws.copy()
             for k, p in enumerate(added.parameters):
-                i = setup.structure.index[f"{added.name}.{p.name}"]
-                value[i] = setup.fixed[i] if p.fixed else start[k] * _unit(setup, p)
-            vector = np.asarray(state.trial.laws).copy()
+                i = problem.structure.index[f"{added.name}.{p.name}"]
+                value[i] = problem.fixed[i] if p.fixed else start[k] * _unit(problem, p)
+                if not p.fixed and p not in added.free_parameters(law):
+                    value[i] = null[i]
             vector[which] = law
-            active = moving_parameters(setup, names, vector)
-            out.append((law, setup.trial(value, active, vector, width)))
+            own = tuple(float(value[problem.structure.index[f"{added.name}.{p.name}"]]) for p in added.parameters)
+            out.append(Start(added, law, own, value, vector))
     return out
 
 
@@ -93,99 +134,177 @@ def residual_on(trial: Trial, data: Data, setup: Setup) -> np.ndarray:
     return binned_of([trial], data, setup.space)[0]
 
 
-_BEHIND, _LITTLE = 0.02, 2.0  # of the leader's promise, and in all, less than which a start is not worth going on from
-_FEW, _NEARLY = 12, 0.2  # steps of all; of the leader's gain after them, with less than which one is left there
-_TOLERANCE = 0.02  # half the fall of the sum of squares in one step with which a trial has come to rest
+@dataclass(frozen=True)
+class Promise:
+    """What a mechanism promises: fall of the sum of squares by all its starts together, and by each."""
+
+    mechanism: Mechanism
+    gain: float
+    starts: tuple[Start, ...]
+    each: np.ndarray
 
 
-def screen(setup: Setup, state: State, split: Split, trials: Sequence[Trial]) -> np.ndarray:
-    """What each trial promises: fall of the sum of squares (trials,), by a score test along its own effect.
+def screen(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Mechanism]) -> list[Promise]:
+    """What each mechanism promises, most first, by a score test along its own effects.
 
     With ``d`` what a mechanism at its start changes and ``r`` the residuals, both after all that the parameters of the
     present hypothesis can imitate is taken out of them (by its Jacobian), an effect ``alpha`` times as strong would
-    take (d r)^2 / d^2 away if the simulation were linear in it. An effect of the wrong sign promises nothing.
+    take (d r)^2 / d^2 away if the simulation were linear in it. An effect of the wrong sign promises nothing. Starts
+    of one mechanism together promise what their best mixture with no negative share does.
     """
-    here = evaluate(stack([state.trial]), split.train, setup.space)
-    residual, jacobian = np.asarray(here.residual[0]), np.asarray(here.jacobian[0])
+    here = evaluate(stack([state.trial]), split.train, state.setup.space)
+    n = split.train.target.size
+    residual, jacobian = np.asarray(here.residual[0])[:n], np.asarray(here.jacobian[0])[:n]
     imitated, _ = np.linalg.qr(jacobian[:, np.any(jacobian != 0, axis=0)])
     clean = lambda x: x - (x @ imitated) @ imitated.T  # noqa: E731
-    parts = [np.asarray(evaluate(stack(part), split.train, setup.space).residual) for part in batches(trials)]
-    changed = clean(np.concatenate(parts)[: len(trials)] - residual)
-    along = -changed @ clean(residual)
-    size = np.sum(changed**2, axis=1)
-    gain = np.where((along > 0) & (size > 0), along**2 / np.where(size > 0, size, 1.0), 0.0)
-    return np.where(np.isfinite(gain), gain, 0.0)
+    starts = [s for m in mechanisms for s in starts_with(state, m, catalogue)]
+    simulated = residuals_at(
+        np.stack([s.value for s in starts]), np.stack([s.laws for s in starts]), split.train, catalogue.space
+    )
+    blown = np.any(np.abs(simulated) >= CEILING, axis=(1, 2, 3))
+    changed = clean(simulated.reshape(len(starts), -1) - residual)
+    target = clean(residual)
+    size = np.sqrt(np.sum(changed**2, axis=1))
+    ok = ~blown & np.isfinite(size) & (size > 0)
+    unit = np.where(ok[:, None], -changed / np.where(ok, size, 1.0)[:, None], 0.0)
+    along = np.maximum(unit @ target, 0.0)
+    gain = along**2
+    out = []
+    for m in mechanisms:
+        mine = [i for i, s in enumerate(starts) if s.mechanism is m]
+        if not mine:
+            continue
+        left = nnls(unit[mine].T, target)[1] if np.any(gain[mine] > 0) else float(np.linalg.norm(target))
+        whole = max(float(target @ target) - float(left) ** 2, float(np.max(gain[mine])))
+        out.append(Promise(m, whole, tuple(starts[i] for i in mine), gain[mine]))
+    return sorted(out, key=lambda p: -p.gain)
 
 
-def promising(gain: np.ndarray, labels: Sequence[tuple[str, int]]) -> list[int]:
-    """Which trials to fit: the best start of every law of a mechanism, then second ones; none that is far behind the
-    leader, but whole batches, which cost no more.
-    """
-    order = [int(i) for i in np.argsort(-gain)]
-    first = [next(i for i in order if labels[i] == label) for label in dict.fromkeys(labels[i] for i in order)]
+_BEHIND, _LITTLE = 0.2, 12.0  # of the leader's promise, and in all, less than which a mechanism is not worth fitting
+_AT_LEAST, _AT_MOST = 2, 6  # mechanisms fitted
+_FEW, _NEARLY = 12, 0.2  # steps of all; of the leader's gain after them, with less than which one is left there
+_TOLERANCE = 0.02  # half the fall of the sum of squares in one step with which a trial has come to rest
+_STARTS = 8  # of one mechanism, at most
+
+
+def promising(promises: Sequence[Promise]) -> list[Promise]:
+    """Which mechanisms to fit: those not far behind the leader."""
+    worth = [p for p in promises if p.gain >= _LITTLE]
+    near = [p for p in worth if p.gain >= _BEHIND * worth[0].gain]
+    return (near if len(near) >= _AT_LEAST else worth[:_AT_LEAST])[:_AT_MOST]
+
+
+def _best_starts(promise: Promise) -> list[Start]:
+    """The best start of every law, then second ones, most promising first."""
+    order = [int(i) for i in np.argsort(-promise.each, kind="stable")]
+    laws = dict.fromkeys(promise.starts[i].law for i in order)
+    first = [next(i for i in order if promise.starts[i].law == law) for law in laws]
     queue = first + [i for i in order if i not in first]
-    least = max(_BEHIND * gain[order[0]], _LITTLE)
-    worth = int(np.sum(gain >= least))
-    queue.sort(key=lambda i: bool(gain[i] < least))  # stable
-    return queue[: max(-(-worth // ABREAST), 1) * ABREAST]
+    return [promise.starts[i] for i in queue[:_STARTS]]
 
 
 def fit_promising(
-    setup: Setup,
     state: State,
     split: Split,
-    trials: Sequence[Trial],
-    labels: Sequence[tuple[str, int]],
+    promises: Sequence[Promise],
     max_steps: int,
-) -> dict[int, State]:
-    """By trial, the hypotheses with one mechanism more that were worth fitting."""
-    chosen = promising(screen(setup, state, split, trials), labels)
-    solved, cost = fit_leading(setup, split, [trials[i] for i in chosen], state.cost, max_steps)
-    residuals = binned_of(solved, split.whole, setup.space)
-    # a trial that blew up (its residuals are cut off) explains nothing
-    residuals[np.any(np.abs(residuals) >= CEILING, axis=(1, 2, 3))] = 10.0 * state.residual
-    names = [(*state.names, labels[i][0]) for i in chosen]
-    return {i: State(n, t, r, float(c)) for i, n, t, r, c in zip(chosen, names, solved, residuals, cost, strict=True)}
+    tell: Callable[[str], None],
+) -> dict[str, dict[int, State]]:
+    """By mechanism and law, the hypotheses with one mechanism more that were worth fitting."""
+    fits: list[tuple[Setup, list[Trial], np.ndarray, np.ndarray, Promise]] = []
+    for promise in promising(promises):
+        tell(promise.mechanism.name)
+        problem = grown(state.setup, promise.mechanism)
+        begun = _best_starts(promise)
+        over = {s.law: s for s in starts_with(state, promise.mechanism, problem)}
+        trials = [_transfer(s, over[s.law], problem) for s in begun]
+        solved, cost, rest = solve_all(trials, split.train, problem.space, max_steps=_FEW, tolerance=_TOLERANCE)
+        fits.append((problem, solved, cost, rest, promise))
+    if not fits:
+        return {}
+    lead = max(float(state.cost - np.min(cost)) for _, _, cost, _, _ in fits)
+    out: dict[str, dict[int, State]] = {}
+    for problem, solved, cost, rest, promise in fits:
+        solved, cost = _go_on(problem, split, solved, cost, rest, state.cost, lead, max_steps - _FEW)
+        residuals = binned_of(solved, split.whole, problem.space)
+        # a trial that blew up (its residuals are cut off) explains nothing
+        residuals[np.any(np.abs(residuals) >= CEILING, axis=(1, 2, 3))] = 10.0 * np.abs(state.residual)
+        which = next(i for i, m in enumerate(problem.structure.mechanisms) if m.name == promise.mechanism.name)
+        best: dict[int, State] = {}
+        for trial, residual, c in zip(solved, residuals, cost, strict=True):
+            law = int(np.asarray(trial.laws)[which])
+            if law not in best or c < best[law].cost:
+                best[law] = State(problem, trial, residual, float(c))
+        out[promise.mechanism.name] = best
+    return out
+
+
+def _transfer(start: Start, like: Start, problem: Setup) -> Trial:
+    """A start over the catalogue's problem as a trial of a smaller one."""
+    value = like.value.copy()
+    m = start.mechanism
+    for k, p in enumerate(m.parameters):
+        value[problem.structure.index[f"{m.name}.{p.name}"]] = start.own[k]
+    return trial_at(problem, value, like.laws)
+
+
+def _go_on(
+    setup: Setup,
+    split: Split,
+    solved: list[Trial],
+    cost: np.ndarray,
+    rest: np.ndarray,
+    before: float,
+    lead: float,
+    steps: int,
+) -> tuple[list[Trial], np.ndarray]:
+    """Those that nearly lead after a few steps, or have yet to return, brought to rest."""
+    gain = before - cost  # below 0: its first steps were too bold, and it has yet to come back
+    leading = [int(i) for i in np.flatnonzero(~rest) if gain[i] < 0 or gain[i] > _NEARLY * lead]
+    if leading and steps > 0:
+        better, lower, _ = solve_all(
+            [solved[i] for i in leading], split.train, setup.space, max_steps=steps, tolerance=_TOLERANCE
+        )
+        for i, trial, c in zip(leading, better, lower, strict=True):
+            solved[i], cost[i] = trial, c
+    return solved, cost
 
 
 def fit_leading(
     setup: Setup, split: Split, trials: Sequence[Trial], before: float, max_steps: int
 ) -> tuple[list[Trial], np.ndarray]:
     """(trials, costs) after a few steps of all; those that nearly lead by then, or have yet to return, come to rest."""
-    fit = lambda these, steps: solve_all(  # noqa: E731
-        these, split.train, setup.space, max_steps=steps, tolerance=_TOLERANCE
-    )
-    solved, cost, rest = fit(trials, _FEW)
-    gain = before - cost  # below 0: its first steps were too bold, and it has yet to come back
-    leading = [i for i in np.flatnonzero(~rest) if gain[i] < 0 or gain[i] > _NEARLY * np.max(gain)]
-    if leading and max_steps > _FEW:
-        better, lower, _ = fit([solved[i] for i in leading], max_steps - _FEW)
-        for i, trial, c in zip(leading, better, lower, strict=True):
-            solved[i], cost[i] = trial, c
-    return solved, cost
+    solved, cost, rest = solve_all(trials, split.train, setup.space, max_steps=_FEW, tolerance=_TOLERANCE)
+    lead = float(before - np.min(cost))
+    return _go_on(setup, split, solved, cost, rest, before, lead, max_steps - _FEW)
 
 
-def afresh(setup: Setup, state: State, split: Split, width: int) -> State:
+def at_rest(setup: Setup, split: Split, trials: Sequence[Trial], *, max_steps: int = 60) -> State:
+    """The best of some trials of one problem, come to rest."""
+    solved, cost, _ = solve_all(trials, split.train, setup.space, max_steps=max_steps)
+    i = int(np.argmin(cost))
+    return State(setup, solved[i], residual_on(solved[i], split.whole, setup), float(cost[i]))
+
+
+def afresh(state: State, split: Split) -> State:
     """A hypothesis come to rest, from where it stands and from the base parameters that the data suggested at first.
 
     Without the mechanism the base parameters were bent to imitate it, and a fit need not find the way back.
     """
-    now = np.asarray(setup.space.values(state.trial.free, state.trial.fixed, state.trial.active))
+    setup = state.setup
+    now, laws = state.values, np.asarray(state.trial.laws)
     added = np.isin([s.mechanism for s in setup.structure.slots], state.names)
     keep = np.concatenate([added, np.zeros(len(now) - len(added), bool)])
-    laws = np.asarray(state.trial.laws)
-    active = moving_parameters(setup, state.names, laws)
-    begun = [setup.trial(np.where(keep, now, start), active, laws, width) for start in setup.starts]
-    found = [refine(setup, split.train, trial) for trial in (state.trial, *begun)]
-    trial, _, cost = min(found, key=lambda f: f[2] if np.isfinite(f[2]) else np.inf)
-    return State(state.names, trial, residual_on(trial, split.whole, setup), cost)
+    begun = [trial_at(setup, np.where(keep, now, start), laws) for start in setup.starts[:3]]
+    return at_rest(setup, split, [state.trial, *begun])
 
 
-def without(setup: Setup, state: State, name: str, split: Split, width: int) -> State:
+def without(state: State, name: str, split: Split) -> State:
     """The hypothesis with one of its mechanisms taken out, fitted again."""
-    names = tuple(n for n in state.names if n != name)
-    laws = np.asarray(state.trial.laws)
-    now = np.asarray(setup.space.values(state.trial.free, state.trial.fixed, state.trial.active))
-    trial = setup.trial(now, moving_parameters(setup, names, laws), laws, width)
-    trial, _, cost = refine(setup, split.train, trial)
-    return State(names, trial, residual_on(trial, split.whole, setup), cost)
+    old = state.setup
+    setup = reduced(old, name)
+    value = carry(
+        old.structure, setup.structure, state.values, np.asarray(setup.starts[0])[: len(setup.structure.slots)]
+    )
+    laws = laws_of(old, np.asarray(state.trial.laws), setup)
+    return at_rest(setup, split, [trial_at(setup, value, laws)])

@@ -68,35 +68,36 @@ class Setup:
         )
 
 
+def carry(old: Structure, new: Structure, vector: np.ndarray, default: np.ndarray) -> np.ndarray:
+    """A vector over the parameters of ``old`` (and the locals) as one over those of ``new``, ``default`` where new."""
+    out = np.concatenate([default, vector[len(old.slots) :]])
+    for i, slot in enumerate(new.slots):
+        if slot.key in old.index:
+            out[i] = vector[old.index[slot.key]]
+    return out
+
+
 def restructured(setup: Setup, structure: Structure) -> Setup:
     """The same problem with other left-out mechanisms in the model; what both have keeps its values."""
     theta, size = null_values(structure, setup.scales), len(structure.slots)
-    there = [(i, setup.structure.index[s.key]) for i, s in enumerate(structure.slots) if s.key in setup.structure.index]
-    at, was = (np.array(x) for x in zip(*there, strict=True))
-    n_old = len(setup.structure.slots)
-
-    def carried(old: np.ndarray, new: np.ndarray) -> np.ndarray:
-        out = np.concatenate([new, old[n_old:]])
-        out[at] = old[was]
-        return out
-
-    starts = tuple(carried(start, theta) for start in setup.starts)
+    moved = lambda old, new: carry(setup.structure, structure, np.asarray(old), np.asarray(new)[:size])  # noqa: E731
+    starts = tuple(moved(start, theta) for start in setup.starts)
     n_rec, locals_ = len(setup.recordings), setup.space.locals
     seen = measured(structure, setup.recordings)[0]
     space = space_of(structure, locals_, n_rec, starts[0], setup.scales, seen, 1.0)
-    keep = lambda old, new: jnp.asarray(carried(np.asarray(old), np.asarray(new)[:size]))  # noqa: E731
-    space = eqx.tree_at(
-        lambda s: (s.prior_mean, s.prior_spread),
-        space,
-        (keep(setup.space.prior_mean, space.prior_mean), keep(setup.space.prior_spread, space.prior_spread)),
-    )
-    active = carried(setup.base_active, np.zeros(size, bool))
+    priors = [
+        jnp.asarray(moved(old, new))
+        for old, new in (
+            (setup.space.prior_mean, space.prior_mean),
+            (setup.space.prior_spread, space.prior_spread),
+        )
+    ]
     return replace(
         setup,
         structure=structure,
-        space=space,
-        fixed=carried(setup.fixed, theta),
-        base_active=active.astype(bool),
+        space=eqx.tree_at(lambda s: (s.prior_mean, s.prior_spread), space, tuple(priors)),
+        fixed=moved(setup.fixed, theta),
+        base_active=moved(setup.base_active, np.zeros(size, bool)).astype(bool),
         starts=starts,
     )
 

@@ -14,7 +14,8 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from scpjax.fit.data import Data
-from scpjax.fit.problem import Space, Trial, residuals, simulated
+from scpjax.fit.problem import CEILING, Space, Trial, binned_residuals, residuals, simulated, whitened
+from scpjax.physics.model import Model
 
 
 class Solution(eqx.Module):
@@ -124,6 +125,10 @@ def solve_one(
     )
 
 
+LANES = 4
+"""Trials in one compiled call: enough to fill the vector units, few enough to waste little."""
+
+
 def solve(
     trials: Trial,
     data: Data,
@@ -133,8 +138,17 @@ def solve(
     tolerance: float = 1e-3,
     robust: float = 0.0,
 ) -> Solution:
-    """All trials (leading axis) abreast on the same data, in one compiled call."""
-    return _solve(trials, data, space, jnp.asarray(max_steps), jnp.asarray(tolerance), robust)
+    """All trials (leading axis) abreast on the same data, in one compiled call.
+
+    A few trials are filled up to `LANES` by repeating the last, so that one program for a model serves all; a linear
+    model, whose program is quickly made, has one of its own for a single trial.
+    """
+    n = trials.free.shape[0]
+    idle = 0 if n == 1 and space.structure.is_linear else max(LANES - n, 0)
+    if idle:
+        trials = jax.tree.map(lambda x: jnp.concatenate([x, jnp.repeat(x[-1:], idle, axis=0)]), trials)
+    found = _solve(trials, data, space, jnp.asarray(max_steps), jnp.asarray(tolerance), robust)
+    return jax.tree.map(lambda x: x[:n], found) if idle else found
 
 
 @eqx.filter_jit
@@ -200,22 +214,39 @@ def solve_all(
 
 def binned_of(trials: Sequence[Trial], data: Data, space: Space) -> np.ndarray:
     """Binned residuals (trials, r, k, y) of trials where they stand; 0 where a bin is empty."""
-    parts = [trials] if len(trials) == 1 else batches(trials)
+    parts = batches(trials)
     flat = np.concatenate([np.asarray(evaluate(stack(part), data, space).residual) for part in parts])
     return flat[: len(trials), : data.target.size].reshape(-1, *data.target.shape)
 
 
-ABREAST = 8
-"""Trials in one compiled call: enough to fill the vector units, few enough to waste little."""
-
-
 def batches(trials: Sequence[Trial]) -> list[list[Trial]]:
-    """Equal batches, the last one filled up with its last trial, so that one program serves all."""
+    """Batches of `LANES`, the last one shorter."""
+    return [list(trials[i : i + LANES]) for i in range(0, len(trials), LANES)]
+
+
+_FORWARD = 16  # simulations abreast
+
+
+def residuals_at(values: np.ndarray, laws: np.ndarray, data: Data, space: Space) -> np.ndarray:
+    """Binned residuals (m, r, k, y) at physical values (m, all) and laws (m, mechanisms): simulations only."""
     out = []
-    for i in range(0, len(trials), ABREAST):
-        part = list(trials[i : i + ABREAST])
-        out.append(part + [part[-1]] * (ABREAST - len(part)))
-    return out
+    for i in range(0, len(values), _FORWARD):
+        part, kept = values[i : i + _FORWARD], laws[i : i + _FORWARD]
+        fill = ((0, _FORWARD - len(part)), (0, 0))
+        found = _forward(jnp.asarray(np.pad(part, fill, "edge")), jnp.asarray(np.pad(kept, fill, "edge")), data, space)
+        out.append(np.asarray(found)[: len(part)])
+    return np.concatenate(out)
+
+
+@eqx.filter_jit
+def _forward(values: Array, laws: Array, data: Data, space: Space) -> Float[Array, "m r k y"]:
+    def one(value: Array, law: Array) -> Array:
+        model = Model(space.structure, value[: space.n_theta], law)
+        local = value[space.n_theta :].reshape(space.n_recordings, space.locals.count(space.structure))
+        r = whitened(binned_residuals(model, data, space.locals, local), data)
+        return jnp.where(jnp.isfinite(r), jnp.clip(r, -CEILING, CEILING), CEILING)
+
+    return jax.vmap(one)(values, laws)
 
 
 def stack(trials: Sequence[Trial]) -> Trial:
