@@ -115,7 +115,7 @@ def smaller_pulley() -> Iterator[Line]:
     """
     loop = main_loop(0.0075)
     half = with_gains(loop.controller, {"Kp": 0.25, "Ki": 0.06, "Kd": 0.235})
-    options = TuneOptions(search=SearchOptions(screened=0, rounds=()), refined=1, steps=25)
+    options = TuneOptions(search=SearchOptions(screened=0, rounds=()), walk=None, refined=1, steps=25)
     found = tune(specification(loop.plant, half, dt=DT), options)
     alone = figures(Loop(Difference(PLANT, radius=0.0075), found.controller)).step
     assert alone is not None

@@ -31,13 +31,13 @@ class SearchOptions:
     """``screened`` points, then the ``rounds``; steps shrink from ``first`` to ``last`` (in ln of a gain).
 
     ``apart`` is how far niches begin from each other, as a share of the box; ``elite`` how many points of a niche
-    have children. The defaults take 128 + 992 evaluations.
+    have children. The defaults take 128 + 416 evaluations.
     """
 
     screened: int = 128
-    rounds: tuple[Round, ...] = (Round(8, 12, 5), Round(4, 16, 4), Round(2, 16, 6))
+    rounds: tuple[Round, ...] = (Round(8, 12, 3), Round(4, 16, 2))
     first: float = 0.7
-    last: float = 0.03
+    last: float = 0.2
     apart: float = 0.15
     elite: int = 4
     seed: int = 0

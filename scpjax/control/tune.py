@@ -1,7 +1,8 @@
 """Gains by differentiating an objective through the whole saturated loop, from many starts at once.
 
-First a search without derivatives, many loops abreast (`scpjax.control.search`), then the best points go on by a
-Levenberg-Marquardt method in ln(gain), kept within bounds by projection. With four gains the cheapest derivative is
+First a search without derivatives, many loops abreast (`scpjax.control.search`), then a walk along the narrow valleys
+that saturation makes (`scpjax.control.valley`), then the best points go on by a Levenberg-Marquardt method in ln(gain),
+kept within bounds by projection. With four gains the cheapest derivative is
 forward: a loop and its tangents run abreast in one scan. They also give a generalised Gauss-Newton matrix, J' H J with
 the objective's own second derivative H in the response (Schraudolph, Neural Computation 14 (2002) 1723).
 """
@@ -25,18 +26,21 @@ from scpjax.control.errors import ControlError
 from scpjax.control.loop import Response
 from scpjax.control.problem import BOUNDS, EXTRA, Problem, gains_of, with_gains
 from scpjax.control.search import SearchOptions, search
+from scpjax.control.valley import WalkOptions, walk
 
 
 @dataclass(frozen=True, kw_only=True)
 class TuneOptions:
-    """``free`` names what is tuned and its ``bounds``; after the ``search`` the best ``refined`` points go on for
-    ``steps`` steps with derivatives. With the defaults 1158 loops at most, tangents counted as loops.
+    """``free`` names what is tuned and its ``bounds``; after the ``search`` and the ``walk`` (None for none) the best
+    ``refined`` points go on for ``steps`` steps with derivatives. With the defaults 1196 loops at most, tangents
+    counted as loops.
     """
 
     free: tuple[str, ...] = ("Kp", "Ki", "Kd", "N")
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=lambda: {**BOUNDS, **EXTRA})
     search: SearchOptions = field(default_factory=SearchOptions)
-    refined: int = 2
+    walk: WalkOptions | None = field(default_factory=WalkOptions)
+    refined: int = 1
     steps: int = 10
     seed: int = 0
 
@@ -200,8 +204,12 @@ def tune(problem: Problem, options: TuneOptions | None = None) -> Tuned:
     niches, path = search(count, mine, low, high, replace(o.search, seed=o.search.seed + o.seed))
     if not np.isfinite(path[-1]):
         raise ControlError("the objective is finite for none of the starts", mend="check the plant and the bounds")
-    starts = np.stack([n.points[np.argmin(n.values)] for n in niches[: max(o.refined, 1)]])
-    at, value, refined = starts[0], niches[0].best, 0
+    starts, values = np.stack([n.points[np.argmin(n.values)] for n in niches]), np.array([n.best for n in niches])
+    if o.walk is not None:
+        starts, values, more = walk(count, starts, values, low, high, o.walk, seed=o.seed)
+        path += more
+    starts = starts[: max(o.refined, 1)]
+    at, value, refined = starts[0], values[0], 0
     if o.refined:
         point, steps = _refine(problem, o.free, jnp.asarray(starts), jnp.asarray(low), jnp.asarray(high), o.steps)
         path += np.minimum(np.min(steps, axis=1), path[-1]).tolist()
@@ -226,24 +234,28 @@ def tune(problem: Problem, options: TuneOptions | None = None) -> Tuned:
     )
 
 
-_ABREAST = 128
+_FEW, _ABREAST = 8, 128
 
 
 class _Counter:
-    """Values of many points, always as many abreast, so that one compiled function serves all; counts them."""
+    """Values of many points, few or many abreast, so that two compiled functions serve all; counts them.
+
+    What is not finite counts as infinite.
+    """
 
     def __init__(self, problem: Problem, free: tuple[str, ...]):
         self.problem, self.free, self.points = problem, free, 0
-        self.abreast = max(_ABREAST // problem.loops, 1)
 
     def __call__(self, points: Float[np.ndarray, "s p"]) -> Float[np.ndarray, " s"]:
         self.points += len(points)
+        abreast = max((_FEW if len(points) <= _FEW else _ABREAST) // self.problem.loops, 1)
         values = []
-        for i in range(0, len(points), self.abreast):
-            part = points[i : i + self.abreast]
-            padded = np.concatenate([part, np.repeat(part[-1:], self.abreast - len(part), axis=0)])
+        for i in range(0, len(points), abreast):
+            part = points[i : i + abreast]
+            padded = np.concatenate([part, np.repeat(part[-1:], abreast - len(part), axis=0)])
             values.append(np.asarray(values_at(self.problem, self.free, jnp.asarray(padded)))[: len(part)])
-        return np.concatenate(values)
+        found = np.concatenate(values)
+        return np.where(np.isfinite(found), found, np.inf)
 
 
 @eqx.filter_jit

@@ -140,7 +140,7 @@ def test_feedforward_share_can_be_tuned():
     loop = thesis_loop()
     controller = FeedforwardPair(thesis_pair(), inverse_plant(loop.plant, corner=5.0, dt=0.02), share=0.1)
     problem = Problem(Loop(loop.plant, controller), signal("sine", duration=10.0))
-    options = TuneOptions(free=("feedforward",), search=SearchOptions(screened=16, rounds=()), refined=0)
+    options = TuneOptions(free=("feedforward",), search=SearchOptions(screened=16, rounds=()), walk=None, refined=0)
     found = tune(problem, options)
     assert found.improved
     assert found.gains["feedforward"] > 0.3

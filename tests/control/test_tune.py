@@ -104,7 +104,7 @@ def test_both_modes_and_the_point_agree():
 
 def test_tuning_improves_the_sine_and_repeats():
     problem = Problem(thesis_loop(), SINE)
-    options = TuneOptions(search=QUICK, steps=6)
+    options = TuneOptions(search=QUICK, walk=None, refined=2, steps=6)
     found = tune(problem, options)
     assert found.improved
     assert found.value < 0.6 * found.before
@@ -120,8 +120,8 @@ def test_tuning_improves_the_sine_and_repeats():
 def test_tuning_never_returns_worse():
     """Given the optimum already, a search too small to find it again gives it back untouched."""
     problem = Problem(thesis_loop(), SINE)
-    best = tune(problem, TuneOptions(search=QUICK, steps=6)).controller
-    poor = TuneOptions(search=SearchOptions(screened=4, rounds=()), refined=1, steps=1)
+    best = tune(problem, TuneOptions(search=QUICK, walk=None, refined=2, steps=6)).controller
+    poor = TuneOptions(search=SearchOptions(screened=4, rounds=()), walk=None, refined=1, steps=1)
     given = Problem(Loop(problem.loop.plant, best), SINE)
     kept = tune(given, poor)
     assert kept.value <= kept.before
@@ -130,9 +130,16 @@ def test_tuning_never_returns_worse():
     assert kept.value <= kept.before
 
 
+def test_defaults_take_at_most_a_tenth_of_12000_loops():
+    o = TuneOptions()
+    assert o.walk is not None
+    with_tangents = o.refined * o.steps * (1 + len(o.free))
+    assert 1 + (1 + o.search.evaluations) + o.walk.evaluations + with_tangents <= 1200
+
+
 def test_bounds_are_kept_and_named():
     bounds = {"Kp": (0.4, 0.6), "Ki": (0.1, 0.2), "Kd": (0.4, 0.5), "N": (5.0, 6.0)}
-    found = tune(Problem(thesis_loop(), SINE), TuneOptions(search=QUICK, steps=12, bounds=bounds))
+    found = tune(Problem(thesis_loop(), SINE), TuneOptions(search=QUICK, walk=None, refined=2, steps=12, bounds=bounds))
     for name, (low, high) in bounds.items():
         assert low - 1e-12 <= found.gains[name] <= high + 1e-12
     assert found.at_bound
@@ -163,7 +170,7 @@ def test_fleet_values_are_those_of_each_plant():
 
 def test_robust_tuning_helps_the_tail_of_other_plants():
     reference = signal("square", 25.0, duration=40.0, dt=0.04)
-    options = TuneOptions(search=SearchOptions(screened=128, rounds=(Round(4, 8, 3),)), refined=0)
+    options = TuneOptions(search=SearchOptions(screened=128, rounds=(Round(4, 8, 3),)), walk=None, refined=0)
     nominal = Problem(thesis_loop(), reference, dt=0.04)
     sharp = tune(nominal, options)
     start = Loop(nominal.loop.plant, sharp.controller)
@@ -180,7 +187,7 @@ def test_specification_of_the_thesis_gives_table_4_18():
     """Half the radius: half the gains of Table 3.7 to start with, then its rise, settling time and overshoot."""
     start = with_gains(thesis_pair(), {"Kp": 0.25, "Ki": 0.06, "Kd": 0.235})
     plant = thesis_loop(0.0075).plant
-    options = TuneOptions(search=SearchOptions(screened=0, rounds=()), refined=1, steps=25)
+    options = TuneOptions(search=SearchOptions(screened=0, rounds=()), walk=None, refined=1, steps=25)
     found = tune(specification(plant, start), options)
     step = figures(Loop(Difference(PLANT, radius=0.0075), found.controller)).step
     assert step is not None
@@ -199,7 +206,8 @@ def test_search_finds_the_better_of_two_wells():
         return np.minimum(np.sum((x - 0.7) ** 2, axis=1), 0.05 + 0.2 * np.sum((x + 0.5) ** 2, axis=1))
 
     low, high = -np.ones(3), np.ones(3)
-    niches, path = search(wells, np.full(3, -0.5), low, high, SearchOptions(first=0.3, last=0.01))
+    rounds = (Round(8, 12, 5), Round(4, 16, 4), Round(2, 16, 6))
+    niches, path = search(wells, np.full(3, -0.5), low, high, SearchOptions(first=0.3, last=0.01, rounds=rounds))
     assert niches[0].best < 1e-3
     assert np.all(np.diff(path) <= 0)
     for niche in niches:
