@@ -12,7 +12,9 @@ from scpjax.diagnose.closure import Learned, describe, learn
 from scpjax.diagnose.holdout import Split, split
 from scpjax.diagnose.latent import missing
 from scpjax.diagnose.locate import locate, observe
+from scpjax.diagnose.profiles import Limits
 from scpjax.diagnose.result import Closure, Diagnosis, Latent, Named, Scores, Verdict
+from scpjax.diagnose.rivals import Outcome, next_experiment
 from scpjax.diagnose.select import Choice, Evidence, Progress, choose
 from scpjax.diagnose.trials import State, grown, residual_on
 from scpjax.fit.colour import Whitener
@@ -40,13 +42,15 @@ _FAR_BETTER = 0.5  # ratio of what a closure without names leaves to what the na
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnoseOptions:
-    """``evidence``: what it takes to be named. ``order``, ``substeps``, ``bin`` of the simulation as of a fit."""
+    """``evidence``: what it takes to be named. ``order``, ``substeps``, ``bin`` of the simulation as of a fit.
+    ``next``: limits within which an experiment is designed that separates what is left close (None: none is)."""
 
     evidence: Evidence = field(default_factory=Evidence)
     order: int = 2
     substeps: int | None = None
     bin: int | None = None
     max_steps: int = 40
+    next: Limits | None = None
 
 
 def diagnose(
@@ -92,7 +96,11 @@ def diagnose(
         tell("learning what the catalogue does not hold", 0.75)
         choice, learned = _closure(parts, base, choice, options.evidence)
     tell("fitting the chosen model to all data", 0.85)
-    return _report(setup, parts, base, choice, learned, notes, began, options)
+    found = _report(setup, parts, base, choice, learned, notes, began, options)
+    if options.next is None:
+        return found
+    outcome = Outcome(base, choice.state, learned.state if learned else None, choice.ranking, choice.equivalents)
+    return replace(found, next_experiment=next_experiment(outcome, parts, options.next, lambda text: tell(text, 0.9)))
 
 
 def _base(setup: Setup) -> tuple[Split, State, tuple[str, ...]]:

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from scpjax.diagnose.proposal import NextExperiment
 from scpjax.fit.result import Estimate, Trace
 from scpjax.physics.model import Model
 
@@ -128,6 +129,7 @@ class Diagnosis:
     traces: tuple[Trace, ...]
     seconds: float
     settings: dict[str, Any]
+    next_experiment: NextExperiment | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Plain values only, in the form of the contract; more keys than it asks for, none fewer."""
@@ -163,7 +165,7 @@ class Diagnosis:
             "not_identifiable": list(self.not_identifiable),
             "closure": None if self.closure is None else _closure(self.closure),
             "missing": [_latent(latent) for latent in self.missing],
-            "next_experiment": None,
+            "next_experiment": None if self.next_experiment is None else self.next_experiment.to_json(),
             "notes": list(self.notes),
             "seconds": self.seconds,
             "settings": self.settings,

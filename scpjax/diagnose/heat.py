@@ -1,0 +1,96 @@
+"""How hot does a hypothesis expect the actuator to become?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from scpjax.diagnose.separation import Rival
+from scpjax.diagnose.trials import State
+from scpjax.errors import FitError
+from scpjax.fit.data import Data
+from scpjax.fit.problem import Space, Trial, initial_state, unpack
+from scpjax.fit.space import measured
+from scpjax.recordings.recording import Recording
+from scpjax.simulate.drive import Grid
+from scpjax.simulate.simulate import Exponential, node_states, simulate
+
+
+def reached(state: State, data: Data) -> float:
+    """Hottest that any heated part became in recordings [K above ambient], by a hypothesis fitted to them."""
+    return float(_reached(state.trial, data, state.setup.space))
+
+
+@eqx.filter_jit
+def _reached(trial: Trial, data: Data, space: Space) -> Array:
+    model, local_values = unpack(trial.free, trial, space)
+    sides = len(space.structure.sides)
+
+    def one(grid: Grid, ambient: Array, effort: Array, values: Array) -> Array:
+        m = eqx.tree_at(lambda m_: m_.ambient, model, ambient)
+        z0 = initial_state(m, space.locals, values, effort)
+        states, _ = node_states(m, grid, z0, order=data.order)
+        there = jnp.arange(states.shape[0]) <= jnp.max(grid.at)
+        return jnp.max(jnp.where(there[:, None], states[:, :sides], -jnp.inf))
+
+    each = jax.vmap(one)(data.grids, jnp.asarray(data.ambient), jnp.asarray(data.start_effort), local_values)
+    return jnp.max(each)
+
+
+def allowed(states: Sequence[State], data: Data, hottest: float | None) -> tuple[float, ...]:
+    """Greatest temperature [K above ambient] of a heated part by hypothesis; inf where nothing is heated.
+
+    ``hottest`` [K], or None for what each hypothesis says was reached in the present recordings.
+
+    **Raises** `FitError` for a limit where no thermometer sets the scale of the temperature, or one below ambient.
+    """
+    setup = states[0].setup
+    if not setup.structure.thermal:
+        return tuple(np.inf for _ in states)
+    if hottest is None:
+        return tuple(reached(s, data) for s in states)
+    if not measured(setup.structure, setup.recordings)[0]:
+        raise FitError(
+            "a limit on temperature needs a thermometer: from volts and displacement its scale is not known",
+            mend="record the temperature, or leave the limit out: the profile then stays as hot as what was recorded",
+        )
+    above = hottest - float(np.asarray(data.ambient)[0])
+    if not above > 0:
+        raise FitError(f"a limit of {hottest - 273.15:g} degC is below ambient", mend="allow a higher temperature")
+    return tuple(above for _ in states)
+
+
+def doubt(r: Rival, hot_slope: Float[np.ndarray, "n sides p"]) -> float:
+    """Twice the greatest standard deviation of the temperatures [K] that the parameters of a rival leave open.
+
+    ``hot_slope`` is their derivative by what moves; the state that the experiment begins in is not in doubt.
+    """
+    p = len(r.index)
+    if not p or not hot_slope.size:
+        return 0.0
+    rows = hot_slope[..., :p].reshape(-1, p)
+    covariance = np.linalg.pinv(r.known[:p, :p], hermitian=True)
+    return 2.0 * float(np.sqrt(np.max(np.sum((rows @ covariance) * rows, axis=1).clip(0.0))))
+
+
+def played(r: Rival, recording: Recording) -> tuple[np.ndarray, float]:
+    """Outputs (n, y) in SI that a rival expects of a drive, and how hot it expects any heated part [K above ambient].
+
+    By fourth order on the samples themselves, apart from the search.
+    """
+    model = r.model(r.centre)
+    start = model.initial()
+    if not model.structure.thermal:
+        from scpjax.simulate.drive import drive_values, effort
+
+        first = np.asarray(drive_values(model.structure, recording))[0]
+        start = model.initial(effort=jnp.asarray(effort(model.structure.drive, first, ambient=model.ambient)))
+    path = simulate(model, recording, initial=start, method=Exponential(order=4))
+    sides = len(model.structure.sides)
+    hot = float(np.max(np.asarray(path.states)[:, :sides])) if model.structure.thermal else -np.inf
+    return np.asarray(path.outputs), hot

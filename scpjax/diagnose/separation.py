@@ -1,0 +1,290 @@
+"""How far apart are two hypotheses in an experiment, when each does its best to say what the other says?
+
+If hypothesis i is true (at its best estimate), an experiment with drive u will show y_i(u), and hypothesis j, fitted to
+it and to all that was recorded before, is left with
+
+    T_ij(u) = min_p 1/2 |y_j(u; p) - y_i(u)|^2 + 1/2 (p - p_j)' L_j (p - p_j)
+
+where predictions are in units of the noise, p_j is the present fit of j and L_j the information that the present
+recordings and the priors hold about it. T_ij is by how much the log-likelihood ratio of i to j is expected to grow:
+the criterion of T-optimum designs (Atkinson, Fedorov, Biometrika 62 (1975) 57), with what is already known counted in;
+T_ij / ln 2 are bits. Its gradient by u needs no derivative of the best p (Danskin: p is at its minimum).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from scpjax.diagnose.trials import State
+from scpjax.fit.data import Data
+from scpjax.fit.identifiability import correlation_time
+from scpjax.fit.problem import Space, Trial, initial_state
+from scpjax.fit.solve import evaluate, stack
+from scpjax.physics.model import Model
+from scpjax.simulate.drive import Grid, effort
+from scpjax.simulate.simulate import node_states
+
+_SHARP = 4.0  # of the power mean that stands for the least of several separations
+
+
+class Rival(eqx.Module):
+    """A hypothesis as it stands after the present recordings.
+
+    What moves are its parameters that were fitted (``index`` into the free vector) and, last, the state in which the
+    experiment begins. ``known`` (p, p) is the information about them, 1/variance on the free scale.
+    """
+
+    space: Space
+    trial: Trial
+    index: np.ndarray  # (parameters,)
+    centre: np.ndarray  # (p,)
+    known: np.ndarray  # (p, p)
+    ambient: Float[Array | np.ndarray, ""]
+    supply: float = eqx.field(static=True)
+    label: str = eqx.field(static=True)
+
+    @property
+    def structure(self):
+        return self.space.structure
+
+    def model(self, moving: Array | np.ndarray) -> Model:
+        """The model at moving values (p,)."""
+        n, space, trial = len(self.index), self.space, self.trial
+        free = jnp.asarray(trial.free).at[self.index].set(moving[:n])
+        values = space.values(free, trial.fixed, trial.active)
+        model = Model(space.structure, values[: space.n_theta], trial.laws)
+        return eqx.tree_at(lambda m: m.ambient, model, jnp.asarray(self.ambient, model.theta.dtype))
+
+    def begun(self, moving: Array | np.ndarray) -> Array:
+        """Values of the state in which the experiment begins, as of `Locals`."""
+        first, count = self.space.n_theta, self.space.locals.count(self.space.structure)
+        return jnp.asarray(self.space.bounds.scale)[first : first + count] * moving[len(self.index) :]
+
+
+def noise_weights(state: State, data: Data) -> np.ndarray:
+    """1 / noise of every output (y,), SI; 0 for one that is not recorded.
+
+    Where the residuals of the best hypothesis exceed the noise of the sensor or stay coloured, that is what the next
+    experiment will be judged by: the weight falls by their level and by the root of their correlation time (in bins).
+    """
+    there = np.isfinite(np.asarray(data.norm))
+    out = np.zeros(there.shape[2])
+    for j in range(there.shape[2]):
+        mine = there[..., j]
+        if mine.any():
+            level = max(float(np.sqrt(np.mean(state.residual[..., j][mine] ** 2))), 1.0)
+            slow = correlation_time(state.residual[..., j : j + 1], there[..., j : j + 1])
+            out[j] = 1.0 / (float(np.asarray(data.sigma)[j]) * level * np.sqrt(slow))
+    return out
+
+
+def rival(state: State, data: Data, weights: np.ndarray, label: str) -> Rival:
+    """A hypothesis fitted to ``data`` with what these say about it; initial states of theirs are integrated out.
+
+    ``weights`` (y,) are those of `noise_weights`.
+    """
+    setup, trial = state.setup, state.trial
+    space, meta = setup.space, setup.recordings[0].metadata
+    here = evaluate(stack([trial]), data, space)
+    jac = np.asarray(here.jacobian[0])
+    scale = weights * np.asarray(data.sigma)
+    rows = np.concatenate([np.broadcast_to(scale, data.target.shape).ravel(), np.ones(len(jac) - data.target.size)])
+    index = np.asarray(trial.index)
+    real = index < space.size
+    index, jac = index[real], jac[:, real] * rows[:, None]
+    information = jac.T @ jac
+    mine = index < space.n_theta
+    mixed = information[np.ix_(mine, ~mine)]
+    others = np.linalg.pinv(information[np.ix_(~mine, ~mine)], hermitian=True)
+    own = information[np.ix_(mine, mine)] - mixed @ others @ mixed.T
+    count = space.locals.count(space.structure)
+    begun = slice(space.n_theta, space.n_theta + count)
+    spread = np.asarray(space.prior_spread)[begun] / np.asarray(space.bounds.scale)[begun]
+    known = np.zeros((len(own) + count,) * 2)
+    known[: len(own), : len(own)] = own
+    known[len(own) :, len(own) :] = np.diag(np.where(np.isfinite(spread), spread**-2.0, 0.0))
+    centre = np.concatenate([np.asarray(trial.free)[index[mine]], np.zeros(count)])
+    ambient = np.asarray(data.ambient)[0]
+    return Rival(space, trial, index[mine], centre, known, ambient, meta.supply_V or 3.7, label)
+
+
+def _said(moving: Array, r: Rival, drive: Array, step: Array, weights: Array) -> tuple[Array, Array]:
+    """Predictions in units of the noise (n, y) and temperatures of the heated nodes above ambient [K] (n, sides)."""
+    model = r.model(moving)
+    s = model.structure
+    applied = jnp.asarray(effort(s.drive, drive, ambient=model.ambient, supply=r.supply))
+    nodes = jnp.repeat(applied[:-1, None, :], 3, axis=1)
+    n = drive.shape[0]
+    grid = Grid(nodes, step, np.arange(n), np.zeros(n), True)
+    z0 = initial_state(model, r.space.locals, r.begun(moving), applied[0])
+    states, efforts = node_states(model, grid, z0, order=2)
+    sides = len(s.sides)
+    hot = states[:, :sides] if s.thermal else jnp.zeros((n, sides))
+    return jax.vmap(model.observe)(states, efforts) * weights, hot
+
+
+@eqx.filter_jit
+def _sensitivities(
+    moving: Array, r: Rival, drive: Array, step: Array, weights: Array
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """What `_said` gives and its derivative by what moves, forward, all tangents abreast (last axis)."""
+    function = lambda x: _said(x, r, drive, step, weights)  # noqa: E731
+    along = lambda e: jax.jvp(function, (moving,), (e,))  # noqa: E731
+    return jax.vmap(along, out_axes=(None, -1))(jnp.eye(moving.shape[0], dtype=moving.dtype))
+
+
+@eqx.filter_jit
+def _pulled(moving: Array, r: Rival, drive: Array, step: Array, weights: Array, by: tuple[Array, Array]) -> Array:
+    """Derivative by the drive (n, sides) of predictions (n, y) and temperatures (n, sides) weighted ``by``."""
+    return jax.vjp(lambda u: _said(moving, r, u, step, weights), drive)[1](by)[0]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Rivals, the first of them the best, on one time grid: ``step`` [s], ``weights`` (y,) per node of it."""
+
+    rivals: tuple[Rival, ...]
+    weights: np.ndarray
+    step: float
+
+    @property
+    def pairs(self) -> tuple[tuple[int, int], ...]:
+        """(true, fitted) of every pair with the best."""
+        others = range(1, len(self.rivals))
+        return tuple((0, j) for j in others) + tuple((j, 0) for j in others)
+
+    def said(self, i: int, moving: np.ndarray, drive: np.ndarray):
+        """Predictions (n, y) [noise], temperatures (n, sides) [K above ambient] of rival i, and derivatives of both."""
+        values, slopes = _sensitivities(
+            jnp.asarray(moving), self.rivals[i], jnp.asarray(drive), jnp.asarray(self.step), jnp.asarray(self.weights)
+        )
+        return tuple(np.asarray(v) for v in (*values, *slopes))
+
+    def pulled(self, i: int, moving: np.ndarray, drive: np.ndarray, said: np.ndarray, hot: np.ndarray) -> np.ndarray:
+        """Derivative by the drive (n, sides) of what rival i says, weighted by ``said`` (n, y) and ``hot``."""
+        by = (jnp.asarray(said), jnp.asarray(hot))
+        r, step, weights = self.rivals[i], jnp.asarray(self.step), jnp.asarray(self.weights)
+        return np.asarray(_pulled(jnp.asarray(moving), r, jnp.asarray(drive), step, weights, by))
+
+
+@dataclass(frozen=True)
+class Imitation:
+    """Rival j at its best attempt to say what another says: ``nats`` = T, ``moving`` (p,), ``off`` (n, y) in noise."""
+
+    nats: float
+    moving: np.ndarray
+    off: np.ndarray
+
+
+def imitate(
+    scene: Scene,
+    j: int,
+    target: np.ndarray,
+    drive: np.ndarray,
+    start: np.ndarray | None = None,
+    *,
+    steps: int = 8,
+    tolerance: float = 1e-7,
+) -> Imitation:
+    """Minimise T over rival j by Levenberg-Marquardt; ``target`` (n, y) in noise, ``drive`` (n, sides).
+
+    Stops when a step changes T by less than the share ``tolerance``.
+    """
+    r = scene.rivals[j]
+
+    def at(moving: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        y, _, slope, _ = scene.said(j, moving, drive)
+        off, away = y - target, moving - r.centre
+        value = 0.5 * float(np.sum(off**2)) + 0.5 * float(away @ r.known @ away)
+        return value if np.isfinite(value) else np.inf, off, slope.reshape(-1, len(moving))
+
+    now = r.centre if start is None else start
+    value, off, jac = at(now)
+    if not np.isfinite(value) and start is not None:
+        now = r.centre
+        value, off, jac = at(now)
+    damping = 1e-6
+    for _ in range(steps):
+        if not np.isfinite(value):
+            break
+        hessian = jac.T @ jac + r.known
+        slope = jac.T @ off.ravel() + r.known @ (now - r.centre)
+        size = np.diag(hessian) + 1e-12 * np.max(np.diag(hessian))
+        tried = now - np.linalg.solve(hessian + damping * np.diag(size), slope)
+        after, off_, jac_ = at(tried)
+        if after < value:
+            still = value - after < tolerance * value
+            now, value, off, jac = tried, after, off_, jac_
+            damping = max(damping / 10, 1e-9)
+            if still:
+                break
+        else:
+            damping = max(10 * damping, 1e-3)
+    return Imitation(value, now, off)
+
+
+@dataclass(frozen=True)
+class Separated:
+    """Separations [nats] of every pair with a drive (n, sides), and their least.
+
+    ``said`` (n, y) [noise] and ``hot`` (n, sides) [K above ambient] are what every rival predicts where it stands.
+    """
+
+    drive: np.ndarray
+    imitations: dict[tuple[int, int], Imitation]
+    said: tuple[np.ndarray, ...]
+    hot: tuple[np.ndarray, ...]
+
+    @property
+    def least(self) -> float:
+        """The smallest separation [nats], whichever rival is true."""
+        return min(f.nats for f in self.imitations.values())
+
+    @property
+    def smooth(self) -> tuple[float, np.ndarray]:
+        """The least as the power mean (mean T^-4)^(-1/4), and its derivative by every separation."""
+        values = np.maximum(np.array([f.nats for f in self.imitations.values()]), 1e-9)
+        low = float(values.min())
+        least = low * float(np.mean((values / low) ** -_SHARP)) ** (-1 / _SHARP)
+        return least, (values / least) ** (-_SHARP - 1) / len(values)
+
+
+def separate(
+    scene: Scene,
+    drive: np.ndarray,
+    before: Separated | None = None,
+    *,
+    steps: int = 8,
+    tolerance: float = 1e-7,
+) -> Separated:
+    """Every separation with a drive (n, sides); imitations start from those ``before`` with a drive much like it."""
+    drive = np.asarray(drive, float)
+    y, hot = zip(*(scene.said(i, r.centre, drive)[:2] for i, r in enumerate(scene.rivals)), strict=True)
+    found = {}
+    for i, j in scene.pairs:
+        start = before.imitations[i, j].moving if before else None
+        found[i, j] = imitate(scene, j, y[i], drive, start, steps=steps, tolerance=tolerance)
+    return Separated(drive, found, y, hot)
+
+
+def slope(scene: Scene, s: Separated, by_hot: Sequence[np.ndarray]) -> np.ndarray:
+    """Derivative by the drive (n, sides) of the logarithm of the smooth least separation, plus that of temperatures.
+
+    ``by_hot`` (n, sides) weights the temperatures of every rival where it stands.
+    """
+    least, shares = s.smooth
+    true = [np.zeros_like(y) for y in s.said]
+    total = np.zeros_like(s.drive)
+    for ((i, j), f), share in zip(s.imitations.items(), shares / least, strict=True):
+        true[i] -= share * f.off
+        total += scene.pulled(j, f.moving, s.drive, share * f.off, np.zeros_like(s.hot[j]))
+    for i, r in enumerate(scene.rivals):
+        total += scene.pulled(i, r.centre, s.drive, true[i], by_hot[i])
+    return total
