@@ -12,11 +12,7 @@ What the text leaves open, and what was found to fit it, stands in `scpjax.contr
 - Figure 4.13's recovery is the time in which the deviation from the undisturbed loop first changes its sign;
 - Table 4.19's gains were tuned by hand to the same specification and are not printed: ours meet it, too, and differ;
 - Figure 4.16 extends each actuator by the opposing force over the stiffness of actuator 2 (Figure 4.8, Table 4.14);
-- Table 4.9 was measured, by eye. The thesis simulates one of its rows, 40/40.4 g for 10 s, in Figure 4.17 (a), with C
-  and damping six times those of Table 4.14, chosen for that row. The other rows stand here with the same six. (3.11)
-  has no term for the load that hangs on both sides but inertia, so all loads turn alike in it, where the joint turned
-  less under more; and it does 60 % of its turn in 5 s, the joint about half. What is missing (friction in the
-  pulley and a load that stretches both sides are candidates) twelve angles read to a degree do not decide.
+- Table 4.9 and Figure 4.17 are explained in `fits.thesis_control.joint`;
 - Figure 4.17 (b) is "about 6 degrees" in the text, and so is the measurement it is compared with.
 """
 
@@ -24,6 +20,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -35,23 +32,22 @@ from scpjax.control.analysis import figures
 from scpjax.control.loop import Disturbance, Loop, Response, play, run
 from scpjax.control.metrics import measure
 from scpjax.control.pid import thesis_pair
-from scpjax.control.plant import Difference, Joint
+from scpjax.control.plant import Difference
 from scpjax.control.problem import specification, with_gains
 from scpjax.control.reference import Reference, sections
 from scpjax.control.search import SearchOptions
 from scpjax.control.tune import TuneOptions, tune
 from scpjax.physics.known import known_model
-from scpjax.physics.model import Model
-from scpjax.physics.presets import aaa, plant
 from scpjax.recordings.thesis import (
-    TABLE_4_9,
     TABLE_4_14,
     TABLE_4_15,
     TABLE_4_16,
     TABLE_4_18,
     TABLE_4_19,
-    JointTrial,
 )
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+from fits.thesis_control.joint import figure, table
 
 DT, RADIUS = 0.02, 0.015
 jax.config.update("jax_enable_x64", True)
@@ -169,56 +165,13 @@ def opposed() -> Iterator[str]:
         yield f"| {force:.1f} | {np.ptp(angle[late]):.1f} | {dead:.2f} | {still:.0f} |"
 
 
-def actuator(code: str, mass: float, factor: float) -> Model:
-    """An actuator of Table 4.14 with its force and damping raised, as section 4.4.5 does."""
-    row = next(r for r in TABLE_4_14 if r.code == code)
-    values = (row.conductance_W_per_K, row.force_N_per_K, row.stiffness_N_per_m, row.damping_Ns_per_m)
-    conductance, force, stiffness, damping = (float(v) for v in values if v is not None)
-    return plant(
-        resistance=row.resistance_ohm,
-        conductance=conductance,
-        thermal_mass=row.heat_capacity_J_per_K,
-        coefficient=factor * force,
-        stiffness=stiffness,
-        damping=factor * damping,
-        mass=mass,
-    )
-
-
-def alternating(trial: JointTrial, factor: float) -> float:
-    """Angle [rad] by which the joint turns in the third of three drives: agonist, antagonist, agonist."""
-    pair = [actuator("1", m, factor) for m in (trial.agonist_mass_kg, trial.antagonist_mass_kg)]
-    joint = Joint(aaa(*pair, pulley_radius=RADIUS, pulley_mass=0.002))
-    steps = round(trial.on_s / DT)
-    effort = np.zeros((3 * steps + 1, 2))
-    effort[:, 0] = effort[steps : 2 * steps, 1] = trial.voltage_V**2
-    effort[steps : 2 * steps, 0] = 0.0
-    angle = np.asarray(play(joint, effort, dt=DT)[0])
-    return float(angle[-1] - angle[2 * steps])
-
-
-def joint_model() -> Iterator[Line]:
-    """Figure 4.17, which simulates one row of Table 4.9 by (3.11); and the other rows, which it does not.
-
-    "17 degrees across the 20 and 30 s marks" is read as: agonist and antagonist in turn, 10 s each from 0 s on.
-    """
-    for trial in TABLE_4_9:
-        found = alternating(trial, 6.0)
-        both = f"{1e3 * trial.agonist_mass_kg:.1f}/{1e3 * trial.antagonist_mass_kg:.1f} g, {trial.on_s:.0f} s"
-        figure = trial.on_s == 10.0 and trial.agonist_mass_kg == 0.040
-        where = "Figure 4.17 (a), C x 6" if figure else "Table 4.9 (measured), C x 6"
-        yield where, f"{both} (deg)", math.degrees(trial.angle_rad), math.degrees(found)
-    voltages = follow(main_loop(), Reference(dt=DT).make("sine")[1]).effort
-    joint = Joint(aaa(*[actuator("2", 0.0872, 3.0)] * 2, pulley_radius=RADIUS, pulley_mass=0.002))
-    angle = np.degrees(np.asarray(play(joint, voltages, dt=DT)[0]))[1000:]
-    yield "Figure 4.17 (b), C x 3", "sine voltages, from end to end (deg)", 6.0, float(np.ptp(angle))
-
-
 def main(argv: Sequence[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description="The control results of the thesis, printed beside ours.")
     parser.add_argument("--out", metavar="FOLDER", help="also write the table there, as thesis_control.md")
     given = parser.parse_args(argv)
+    voltages = follow(main_loop(), Reference(dt=DT).make("sine")[1]).effort
+    rows, said = table()
     lines = ["| where | what | printed | ours | difference |", "|---|---|---:|---:|---:|"]
     for where, what, printed, ours in (
         *sines(main_loop(), TABLE_4_15.rows, "Table 4.15"),
@@ -227,13 +180,14 @@ def main(argv: Sequence[str] | None = None) -> None:
         *smaller_pulley(),
         *one_and_two_actuators(),
         *disturbed(),
-        *joint_model(),
+        *figure(voltages),
+        *rows,
     ):
         lines.append(f"| {where} | {what} | {printed:.2f} | {ours:.3f} | {100 * (ours / printed - 1):+.2f} % |")
     lines += ["", "Figure 4.16: the voltages of the 25 degree sine against an opposing force", ""]
     lines += ["| force (N) | angle, from end to end (deg) | still at first (s) | still later (% of time) |"]
     lines += ["|---:|---:|---:|---:|", *opposed()]
-    text = "\n".join(lines)
+    text = "\n".join((*lines, "", said))
     print(text)
     if given.out:
         folder = Path(given.out)
