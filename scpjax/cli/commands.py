@@ -97,10 +97,36 @@ def _diagnose(places: Any) -> None:
         "find which physics the model leaves out, from recordings of one actuator",
         "Writes diagnosis.json, model.json, figures and report.html.",
     )
-    parser.add_argument("files", metavar="FILE", nargs="+", help="recordings (CSV) of one actuator")
+    parser.add_argument("files", metavar="FILE", nargs="*", help="recordings (CSV) of one actuator")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write")
     parser.add_argument("--model", choices=MODELS, help="default: as the files say, or by their columns")
+    parser.add_argument(
+        "--then",
+        metavar="FILE",
+        nargs="+",
+        default=[],
+        help="recordings made since; without other files those of the diagnosis in DIR are taken along",
+    )
     _roles(parser)
+    _next(parser)
+
+
+def _next(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("next experiment")
+    group.add_argument(
+        "--next",
+        action="store_true",
+        help="design the drive that best separates hypotheses left close: next_experiment.csv; any limit asks for it "
+        "too, and one not given is as recorded",
+    )
+    group.add_argument("--max-volts", metavar="V", type=float, help="greatest drive of a voltage column")
+    group.add_argument("--min-volts", metavar="V", type=float, help="least drive of a voltage column")
+    group.add_argument("--max-drive", metavar="X", type=float, help="greatest drive, in the unit of its column")
+    group.add_argument("--min-drive", metavar="X", type=float, help="least drive, in the unit of its column")
+    group.add_argument("--max-temperature", metavar="DEGC", type=float, help="that any heated part may reach")
+    group.add_argument("--duration", metavar="S", type=float, help="of the experiment")
+    group.add_argument("--period", metavar="S", type=float, help="between its samples")
+    group.add_argument("--slew", metavar="X", type=float, help="greatest change of the drive in a second")
 
 
 def _predict(places: Any) -> None:

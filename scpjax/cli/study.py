@@ -11,6 +11,8 @@ from pathlib import Path
 
 from scpjax.cli.inputs import fixed_values, read_files, with_known
 from scpjax.cli.program import check_folder, progress, say, staged, start
+from scpjax.cli.then import Earlier, Read, earlier, limits_of, probability_changes, say_next, with_earlier
+from scpjax.diagnose.profiles import Limits
 from scpjax.diagnose.result import Diagnosis
 from scpjax.errors import FitError, RecordingError, ScpjaxError
 from scpjax.fit.result import Estimate
@@ -52,23 +54,43 @@ def run_fit(arguments: Namespace) -> None:
 def run_diagnose(arguments: Namespace) -> None:
     """Diagnose one actuator."""
     out = check_folder(arguments.out)
-    recordings = read_files(arguments.files, drive=arguments.drive, response=arguments.response)
+    before = earlier(out) if arguments.then else None
+    read = with_earlier(arguments, before, out)
+    if before is not None and before.read.files != read.files[: -len(arguments.then)]:
+        before = None  # the diagnosis there is of other files
+    recordings = read_files(read.files, drive=read.drive, response=read.response)
+    limits = limits_of(arguments, recordings)
     start()
-    diagnose_into(arguments, recordings, out, model=arguments.model)
+    diagnose_into(arguments, recordings, out, model=read.model, limits=limits, before=before, read=read)
 
 
-def diagnose_into(arguments: Namespace, recordings: Sequence[Recording], out: Path, *, model: str | None) -> None:
-    """Diagnose, write the folder and say what was found."""
-    from scpjax.diagnose.diagnose import diagnose
+def diagnose_into(
+    arguments: Namespace,
+    recordings: Sequence[Recording],
+    out: Path,
+    *,
+    model: str | None,
+    limits: Limits | None = None,
+    before: Earlier | None = None,
+    read: Read | None = None,
+) -> None:
+    """Diagnose, write the folder and say what was found; ``before`` is the diagnosis that this one adds to."""
+    from scpjax.diagnose.diagnose import DiagnoseOptions, diagnose
     from scpjax.report.report import command_line, write_diagnosis
 
     with progress(arguments) as show:
-        found = diagnose(recordings, model=model, progress=show)
+        found = diagnose(recordings, model=model, options=DiagnoseOptions(next=limits), progress=show)
+        changes = [] if before is None else probability_changes(before, found)
+        settings = {**found.settings, **({} if read is None else {"read": read.to_json()})}
+        found = dataclasses.replace(found, notes=found.notes + tuple(changes), settings=settings)
         if show:
             show("writing the report", 0.95)
         with staged(out) as folder:
             write_diagnosis(found, folder, recordings=recordings, command=command_line(arguments.line))
     say_diagnosis(arguments, found)
+    for change in changes:
+        say(arguments, change)
+    say_next(arguments, found, asked=limits is not None)
     say(arguments, f"report: {out / 'report.html'}")
 
 

@@ -7,11 +7,13 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 
+from scpjax.diagnose.proposal import CSV_NAME
 from scpjax.diagnose.result import Diagnosis, Named, Scores
 from scpjax.physics.catalogue import catalogue
 from scpjax.physics.storage import save_model
+from scpjax.recordings.files import write_text
 from scpjax.recordings.recording import Recording
-from scpjax.report import bars, page, plot
+from scpjax.report import bars, experiment, page, plot
 from scpjax.report.numbers import column, number, percent
 from scpjax.report.pieces import (
     fact,
@@ -58,6 +60,10 @@ def write_diagnosis(
     if first:
         titles = {k: m.title for k, m in catalogue().items()}
         shapes["ranking"] = plot.png(bars.ranking(first, [m.name for m in d.mechanisms], titles))
+    proposed = experiment.drawn(d.next_experiment)
+    if d.next_experiment is not None and proposed is not None:
+        shapes["next_experiment"] = proposed
+        write_text(out / CSV_NAME, d.next_experiment.csv())
     write_figures(out, shapes)
     body = [
         _diagnosis_head(d),
@@ -78,6 +84,7 @@ def write_diagnosis(
             _rounds(d),
         ),
         page.section("What these recordings cannot tell apart", *_cannot_tell(d)),
+        experiment.section(d.next_experiment, proposed),
         page.section("Parameters of the extended model", parameters_table(d.base_parameters)),
         page.section("Notes", page.bullets(d.notes)),
         reproduce(command, d.settings, d.seconds, recordings),
