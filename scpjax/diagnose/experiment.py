@@ -271,6 +271,6 @@ def _words(labels: Sequence[str], search: _Search, bits: float, repeat: float) -
     ends = f"{unit.from_si(f.low):g} to {unit.from_si(f.high):g} {unit.suffix}"
     return (
         f"Play next_experiment.csv ({f.count * f.period:.3g} s, {ends}) and diagnose it together with the present "
-        f"recordings: it is expected to tell {' from '.join(labels)} by {bits:.3g} bits; the present drive once more "
-        f"would by {repeat:.3g}."
+        f"recordings: it is expected to tell {labels[0]} from {' and from '.join(labels[1:])} by {bits:.3g} bits; the "
+        f"present drive once more would by {repeat:.3g}."
     )

@@ -47,7 +47,8 @@ class NextExperiment:
     def to_json(self) -> dict[str, Any]:
         """Plain values; ``voltage_csv`` names the file beside it."""
         return {
-            "separates": list(self.separates),
+            "separates": list(self.separates[:2]),
+            "hypotheses": list(self.separates),
             "says": self.says,
             "voltage_csv": CSV_NAME,
             "drive_columns": list(self.drive_columns),
