@@ -107,6 +107,13 @@ def _diagnose(places: Any) -> None:
         default=[],
         help="recordings made since; without other files those of the diagnosis in DIR are taken along",
     )
+    parser.add_argument(
+        "--mechanism",
+        metavar="FILE.py",
+        action="append",
+        default=[],
+        help="a mechanism of your own to try beside the catalogue's (may be repeated)",
+    )
     _roles(parser)
     _next(parser)
 

@@ -61,6 +61,11 @@ def run_diagnose(arguments: Namespace) -> None:
     recordings = read_files(read.files, drive=read.drive, response=read.response)
     limits = limits_of(arguments, recordings)
     start()
+    if read.mechanisms:
+        from scpjax.simulate.trial import use
+
+        for file in read.mechanisms:
+            use(file)
     diagnose_into(arguments, recordings, out, model=read.model, limits=limits, before=before, read=read)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from argparse import Namespace
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +26,12 @@ class Read:
     drive: str | None
     response: str | None
     model: str | None
+    mechanisms: list[str]  # files of the user's own
 
     def to_json(self) -> dict[str, Any]:
         """Only what was told; the files stand beside it."""
-        told = {"drive": self.drive, "response": self.response, "model": self.model}
-        return {k: v for k, v in told.items() if v is not None}
+        told = {"drive": self.drive, "response": self.response, "model": self.model, "mechanisms": self.mechanisms}
+        return {k: v for k, v in told.items() if v}
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def earlier(out: Path) -> Earlier | None:
         settings = content["settings"]
         told = settings.get("read", {})
         files = list(dict.fromkeys(settings["files"]))  # a long file was read in pieces
-        read = Read(files, told.get("drive"), told.get("response"), told.get("model"))
+        read = Read(files, told.get("drive"), told.get("response"), told.get("model"), list(told.get("mechanisms", [])))
         return Earlier(read, _probabilities(content["ranking"], content["mechanisms"]))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise RecordingError(
@@ -69,7 +70,7 @@ def with_earlier(arguments: Namespace, before: Earlier | None, out: Path) -> Rea
     call would write over one of its files.
     """
     files = list(arguments.files)
-    read = Read(files, arguments.drive, arguments.response, arguments.model)
+    read = Read(files, arguments.drive, arguments.response, arguments.model, list(arguments.mechanism))
     if arguments.then and not files:
         if before is None:
             raise RecordingError(
@@ -85,10 +86,12 @@ def with_earlier(arguments: Namespace, before: Earlier | None, out: Path) -> Rea
                     mend="run this where that was run, or name the earlier files before --then",
                 )
         old = before.read
-        read = Read(old.files, read.drive or old.drive, read.response or old.response, read.model or old.model)
+        mechanisms = list(dict.fromkeys([*old.mechanisms, *read.mechanisms]))
+        told = (read.drive or old.drive, read.response or old.response, read.model or old.model)
+        read = Read(old.files, *told, mechanisms)
     if not read.files:
         arguments.parser.error("the following arguments are required: FILE")
-    read = Read([*read.files, *arguments.then], read.drive, read.response, read.model)
+    read = replace(read, files=[*read.files, *arguments.then])
     for file in read.files:
         if Path(file).resolve() == (out / CSV_NAME).resolve():
             raise OutputError(

@@ -14,7 +14,7 @@ import numpy as np
 
 import scpjax
 from scpjax.errors import ModelError
-from scpjax.physics.catalogue import catalogue
+from scpjax.physics.catalogue import catalogue, from_file, origin
 from scpjax.physics.mechanism import Mechanism
 from scpjax.physics.model import Model
 from scpjax.physics.structure import DriveKind, Structure
@@ -47,7 +47,7 @@ def save_model(model: Model, path: str | os.PathLike[str], *, extra: Mapping[str
         "distinct": list(s.distinct),
         "base": list(s.base),
         "mechanisms": [
-            {"name": m.name, "law": m.laws[int(law)]}
+            {"name": m.name, "law": m.laws[int(law)], **_where_from(m, path)}
             for m, law in zip(s.mechanisms, np.asarray(model.laws), strict=True)
         ],
         "parameters": {slot.key: {"value": values[slot.key], "unit": slot.parameter.unit} for slot in s.slots},
@@ -56,6 +56,18 @@ def save_model(model: Model, path: str | os.PathLike[str], *, extra: Mapping[str
     }
     write_text(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
     return path
+
+
+def _where_from(m: Mechanism, path: Path) -> dict[str, str]:
+    """The user's file that defines a mechanism: from the folder of the model file, and in full."""
+    file = origin(m)
+    if file is None:
+        return {}
+    try:
+        beside = os.path.relpath(file, path.parent.resolve())
+    except ValueError:  # another drive
+        beside = str(file)
+    return {"file": beside, "file_was": str(file)}
 
 
 def load_model(path: str | os.PathLike[str]) -> tuple[Model, dict[str, Any]]:
@@ -132,11 +144,21 @@ class _Reader:
             nearest = f"did you mean {close[0]!r}? " if close else ""
             self.fail(f"unknown {kind} {name!r}", f"{nearest}there are {', '.join(among)}")
 
+    def define(self, name: str, row: dict[str, Any]) -> None:
+        """Read the user's file that defines a mechanism."""
+        places = [Path(self.where).parent / str(row["file"]), Path(str(row.get("file_was", row["file"])))]
+        file = next((p for p in places if p.is_file()), None)
+        if file is None:
+            self.fail(f"the mechanism {name!r} is defined in {places[0]}, which is not there", "put the file back")
+        from_file(file)
+
     def structure(self) -> Structure:
         rows = self.get("mechanisms", list)
         found: list[Mechanism] = []
         for row in rows:
             name = row.get("name") if isinstance(row, dict) else row
+            if isinstance(row, dict) and "file" in row and name not in catalogue():
+                self.define(str(name), row)
             self.known(name, "mechanism", catalogue())
             found.append(catalogue()[str(name)])
         drive, sides = self.get("drive", str), self.names("sides")
