@@ -17,7 +17,8 @@ from scpjax.physics.catalogue import mechanism
 
 _CLOSE = 20.0  # difference of BIC (10 nats) up to which two hypotheses are close
 _HINT = 6.0  # gain in BIC from which something that was not named is worth a look
-_MOST = 2  # rivals of the best
+_MOST = 2  # mechanisms that rival the best
+_LAWS = 3  # hypotheses that rival it: their laws
 _STEPS = 40
 
 
@@ -78,7 +79,8 @@ def rivals(outcome: Outcome, split: Split, *, only_equivalents: bool = False) ->
         if not others and not only_equivalents:
             others = [o for o in _behind(outcome.ranking, name) if o not in chosen.names]
         if others:
-            return {name: chosen} | {o: swapped(chosen, name, o, split) for o in others[:_MOST]}
+            laws = [swapped(chosen, name, o, split) for o in others[:_MOST]]
+            return {name: chosen} | _merged(laws)
     return {" + ".join(chosen.names): chosen}
 
 
@@ -97,16 +99,39 @@ def _behind(ranking: Sequence[Ranked], name: str) -> list[str]:
     return []
 
 
-def added(state: State, name: str, split: Split) -> State:
-    """A hypothesis with one mechanism more, under the law and from the start that fit best."""
+def _merged(found: Sequence[dict[str, State]]) -> dict[str, State]:
+    """The best law of every mechanism, then further ones, closest fit first, as many as are to be separated."""
+    best = dict(next(iter(each.items())) for each in found)
+    more = sorted((s.cost, label, s) for each in found for label, s in list(each.items())[1:])
+    return best | {label: s for _, label, s in more[: max(_LAWS - len(best), 0)]}
+
+
+def by_law(state: State, name: str, split: Split) -> dict[str, State]:
+    """A hypothesis with one mechanism more, from the start that fit best, under the law that fits best (by the name
+    alone) and under those that are close to it (with the law in brackets).
+    """
     m = mechanism(name)
     problem = grown(state.setup, m)
-    trials = [trial_at(problem, s.value, s.laws) for s in starts_with(state, m, problem)]
+    starts = starts_with(state, m, problem)
+    trials = [trial_at(problem, s.value, s.laws) for s in starts]
     solved, cost = fit_leading(problem, split, trials, state.cost, _STEPS)
-    i = int(np.argmin(cost))
-    return State(problem, solved[i], residual_on(solved[i], split.whole, problem), float(cost[i]))
+    out: dict[str, State] = {}
+    seen: set[int] = set()
+    for i in np.argsort(cost, kind="stable"):
+        law = starts[i].law
+        if law in seen or cost[i] > cost.min() + _CLOSE or not np.isfinite(cost[i]):
+            continue
+        seen.add(law)
+        residual = residual_on(solved[i], split.whole, problem)
+        out[f"{name} ({m.laws[law]})" if out else name] = State(problem, solved[i], residual, float(cost[i]))
+    return out
 
 
-def swapped(state: State, out: str, name: str, split: Split) -> State:
-    """A hypothesis with one of its mechanisms in the place of another."""
-    return added(without(state, out, split), name, split)
+def added(state: State, name: str, split: Split) -> State:
+    """A hypothesis with one mechanism more, under the law and from the start that fit best."""
+    return by_law(state, name, split)[name]
+
+
+def swapped(state: State, out: str, name: str, split: Split) -> dict[str, State]:
+    """A hypothesis with one of its mechanisms in the place of another, by law as of `by_law`."""
+    return by_law(without(state, out, split), name, split)

@@ -11,7 +11,7 @@ from scpjax.report.numbers import column, number
 from scpjax.report.pieces import title
 from scpjax.report.plot import BASE, DRIVE, EXTENDED, FAINT, new_figure, style
 
-_COLOURS = (EXTENDED, BASE, "#009e73")
+_COLOURS = (EXTENDED, BASE, "#009e73", "#cc79a7")
 _DRIVES = (DRIVE, "#c08bb0")
 
 
@@ -22,7 +22,9 @@ def figure(e: NextExperiment) -> Figure:
     out = new_figure(8.6, 0.78 * sum(ratios) + 0.75)
     axes = out.subplots(len(ratios), 1, sharex=True, gridspec_kw={"height_ratios": ratios, "hspace": 0.2})
     tall = out.get_figheight()
-    out.subplots_adjust(left=0.11, right=0.985, top=1 - 0.36 / tall, bottom=0.48 / tall)
+    out.subplots_adjust(
+        left=0.11, right=0.985, top=1 - (0.36 if len(e.separates) < 3 else 0.56) / tall, bottom=0.48 / tall
+    )
     for k, name in enumerate(e.drive_columns):
         axes[0].step(e.time, e.drive[:, k], where="post", color=_DRIVES[k % 2], lw=1.1, label=name)
     words, unit = column(e.drive_columns[0])
@@ -34,12 +36,12 @@ def figure(e: NextExperiment) -> Figure:
         above, below = axes[2 * i + 1], axes[2 * i + 2]
         for k, label in enumerate(e.separates):
             dash = "-" if k == 0 else (0, (4, 1.6))
-            above.plot(*plot.envelope(e.time, e.predicted[label][name]), color=_COLOURS[k % 3], lw=1.2, ls=dash)
+            above.plot(*plot.envelope(e.time, e.predicted[label][name]), color=_COLOURS[k % 4], lw=1.2, ls=dash)
         above.set_ylabel(f"{words}\n({unit})")
         below.axhspan(-2 * e.noise[name], 2 * e.noise[name], color="#cfd6de", lw=0, alpha=0.7)
         below.axhline(0, color=FAINT, lw=0.8)
         for (_, fitted), off in e.left.items():
-            colour = _COLOURS[e.separates.index(fitted) % 3]
+            colour = _COLOURS[e.separates.index(fitted) % 4]
             below.plot(e.left_time, off[name], color=colour, lw=0.9)
         below.set_ylabel(f"Off, fitted\n({unit})")
         below.yaxis.set_major_locator(MaxNLocator(3, symmetric=True))
@@ -49,9 +51,11 @@ def figure(e: NextExperiment) -> Figure:
     axes[-1].set_xlabel("Time (s)")
     from matplotlib.lines import Line2D
 
-    keys = [Line2D([], [], color=_COLOURS[k % 3], lw=1.6) for k in range(len(e.separates))]
+    keys = [Line2D([], [], color=_COLOURS[k % 4], lw=1.6) for k in range(len(e.separates))]
     names = [name_of(label) for label in e.separates]
-    out.legend(keys, names, loc="upper right", bbox_to_anchor=(0.99, 1.0), ncols=3, frameon=False, fontsize=8.5)
+    out.legend(
+        keys, names, loc="upper right", bbox_to_anchor=(0.99, 1.0), ncols=min(len(names), 2), frameon=False, fontsize=8
+    )
     out.align_ylabels(axes)
     return out
 
@@ -59,7 +63,9 @@ def figure(e: NextExperiment) -> Figure:
 def name_of(label: str) -> str:
     """A hypothesis in words."""
     plain = {"base model": "Nothing missing", "closure": "What was learned"}
-    return plain.get(label) or " and ".join(title(part) for part in label.split(" + "))
+    name, _, law = label.partition(" (")
+    words = plain.get(label) or " and ".join(title(part) for part in name.split(" + "))
+    return f"{words} ({law}" if law else words
 
 
 def section(e: NextExperiment | None, png: bytes | None) -> str:
