@@ -100,10 +100,10 @@ def rival(state: State, data: Data, weights: np.ndarray, label: str) -> Rival:
     real = index < space.size
     index, jac = index[real], jac[:, real] * rows[:, None]
     information = jac.T @ jac
-    mine = index < space.n_theta
-    mixed = information[np.ix_(mine, ~mine)]
-    others = np.linalg.pinv(information[np.ix_(~mine, ~mine)], hermitian=True)
-    own = information[np.ix_(mine, mine)] - mixed @ others @ mixed.T
+    mine, begins = np.flatnonzero(index < space.n_theta), np.flatnonzero(index >= space.n_theta)
+    mixed = information[mine][:, begins]
+    others = np.linalg.pinv(information[begins][:, begins], hermitian=True)
+    own = information[mine][:, mine] - mixed @ others @ mixed.T
     count = space.locals.count(space.structure)
     begun = slice(space.n_theta, space.n_theta + count)
     spread = np.asarray(space.prior_spread)[begun] / np.asarray(space.bounds.scale)[begun]
