@@ -8,27 +8,26 @@ held out from the fit. Sparse sums of physical terms after Brunton, Proctor, Kut
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.result import Closure
 from scpjax.diagnose.select import Comparison, Evidence, compare
-from scpjax.diagnose.trials import State, fit_leading, grown, laws_of
+from scpjax.diagnose.trials import State, at_noise, fit_leading, grown, laws_of
 from scpjax.fit.problem import CEILING, Trial
-from scpjax.fit.result import Estimate
 from scpjax.fit.setup import Setup, carry
-from scpjax.fit.solve import batches, binned_of, evaluate, solve_all, stack
+from scpjax.fit.solve import AT_ONCE, batches, binned_of, evaluate, solve_all, stack
 from scpjax.physics.catalogue import mechanism
 from scpjax.physics.mechanism import Mechanism
 from scpjax.physics.terms import Term
 
 _LEARNED = ("learned_heat", "learned_force", "learned_reading")
 _CHUNK = 5  # terms in one linearisation, and so the most in a closure
-_BEST_SETS = 8
-_STEPS = 60
+_ROUNDS = 2  # of adding up to three terms at a time
+_SETS = 12  # fitted in a round
+_STEPS, _PRUNING = 48, 20  # of a fit
 
 
 @dataclass(frozen=True)
@@ -47,19 +46,22 @@ class _Offer:
     term: Term
 
 
-def learn(state: State, split: Split, rules: Evidence) -> Learned | None:
-    """The closure that the recordings ask for beyond ``state``; None when no sum of terms is better than none."""
-    problem = _with_terms(state.setup)
+def learn(state: State, split: Split, rules: Evidence, subsystems: Sequence[str] = ()) -> Learned | None:
+    """The closure that the recordings ask for beyond ``state``; None when no sum of terms is better than none.
+
+    ``subsystems``: where it may stand; anywhere when none is given.
+    """
+    problem = _with_terms(state.setup, subsystems)
     before = current = _carried(problem, state)
-    offers = _offers(problem)
+    every = offers(problem)
     chosen: tuple[str, ...] = ()
-    while len(chosen) < _CHUNK:
-        room = [o for o in offers if o.key not in chosen and (not chosen or o.place == _place(chosen[0]))]
+    for _ in range(_ROUNDS):
+        room = [o for o in every if o.key not in chosen and (not chosen or o.place == place_of(chosen[0]))]
         found = _round(problem, current, split, rules, chosen, room)
         if found is None:
             break
         current, chosen, _ = found
-        if _at_noise(current, split):
+        if at_noise(current, split, 1.1):
             break
     if not chosen:
         return None
@@ -68,10 +70,11 @@ def learn(state: State, split: Split, rules: Evidence) -> Learned | None:
     return Learned(current, chosen, whole) if whole.accepted else None
 
 
-def _with_terms(setup: Setup) -> Setup:
+def _with_terms(setup: Setup, subsystems: Sequence[str]) -> Setup:
     """The problem with all learnable terms in its model."""
-    new = grown(setup, *(mechanism(n) for n in _LEARNED if _possible(setup, mechanism(n))))
-    values = _references(setup)
+    able = [m for n in _LEARNED if _possible(setup, m := mechanism(n))]
+    new = grown(setup, *([m for m in able if m.subsystem in subsystems] or able))
+    values = references(setup)
     fixed = new.fixed.copy()
     for slot in new.structure.slots:
         if slot.mechanism in _LEARNED and slot.parameter.name in values:
@@ -84,7 +87,7 @@ def _possible(setup: Setup, m: Mechanism) -> bool:
     return {"thermal": s.thermal, "mechanical": s.mechanical, "": True}[m.needs[0] if m.needs else ""]
 
 
-def _references(setup: Setup) -> dict[str, float]:
+def references(setup: Setup) -> dict[str, float]:
     s = setup.scales
     top = float(np.max(np.abs(np.asarray(setup.data.grids.effort)))) or 1.0
     return {
@@ -95,17 +98,17 @@ def _references(setup: Setup) -> dict[str, float]:
     }
 
 
-def _offers(problem: Setup) -> list[_Offer]:
+def offers(problem: Setup) -> list[_Offer]:
     out = []
     for m in problem.structure.mechanisms:
         if m.learned:
             for term in m.terms:  # pyright: ignore[reportAttributeAccessIssue]
                 key = f"{m.name}.{term.name}"
-                out.append(_Offer(key, _place(key), term))
+                out.append(_Offer(key, place_of(key), term))
     return out
 
 
-def _place(key: str) -> str:
+def place_of(key: str) -> str:
     """Where a term acts: the heat, the force, or the reading of one sensor."""
     m, name = key.split(".")
     return f"{m} {name.split('_')[0]}" if m == "learned_reading" else m
@@ -150,7 +153,7 @@ def _round(
         return None
     best, keys = max(found, key=lambda f: f[0].delta_bic)
     for c, fewer in sorted(found, key=lambda f: len(f[1])):  # as few terms as do as well
-        if len(fewer) < len(keys) and _place(fewer[0]) == _place(keys[0]):
+        if len(fewer) < len(keys) and place_of(fewer[0]) == place_of(keys[0]):
             more = len(keys) - len(fewer)
             if not compare(c.state, best.state, "closure", "", split, rules, more).accepted:
                 best, keys = c, fewer
@@ -170,11 +173,11 @@ def _fitted(problem: Setup, state: State, split: Split, sets: Sequence[tuple[str
 def _pruned(
     problem: Setup, state: State, chosen: tuple[str, ...], split: Split, rules: Evidence
 ) -> tuple[State, tuple[str, ...]]:
-    """Terms taken out one by one as long as nothing is lost."""
+    """Terms taken out one by one as long as nothing is lost; those tried first that are least sure of their size."""
     while len(chosen) > 1:
-        sets = [tuple(k for k in chosen if k != out) for out in chosen]
-        bare = [replace_active(problem, state, out) for out in chosen]
-        solved, costs, _ = solve_all(bare, split.train, problem.space, max_steps=_STEPS, tolerance=0.02)
+        weak = sorted(chosen, key=_certainty(problem, state, split, chosen).__getitem__)[:AT_ONCE]
+        bare = [_without_term(problem, state, out) for out in weak]
+        solved, costs, _ = solve_all(bare, split.train, problem.space, max_steps=_PRUNING, tolerance=0.02)
         residuals = binned_of(solved, split.whole, problem.space)
         fewer = [State(problem, t, r, float(c)) for t, r, c in zip(solved, residuals, costs, strict=True)]
         lost = [compare(f, state, "closure", "", split, rules, 1) for f in fewer]
@@ -182,11 +185,25 @@ def _pruned(
         if not spare:
             break
         i = min(spare, key=lambda i: fewer[i].cost)
-        state, chosen = fewer[i], sets[i]
+        state, chosen = fewer[i], tuple(k for k in chosen if k != weak[i])
     return state, chosen
 
 
-def replace_active(problem: Setup, state: State, out: str) -> Trial:
+def _certainty(problem: Setup, state: State, split: Split, chosen: Sequence[str]) -> dict[str, float]:
+    """Size of each coefficient in units of its standard deviation."""
+    here = evaluate(stack([state.trial]), split.train, problem.space)
+    jacobian, index = np.asarray(here.jacobian[0]), np.asarray(state.trial.index)
+    size = np.linalg.norm(jacobian, axis=0)
+    moving = np.flatnonzero(size > 0)
+    scaled = jacobian[:, moving] / size[moving]
+    spread = np.sqrt(np.diag(np.linalg.pinv(scaled.T @ scaled))) / size[moving]
+    at = {int(index[c]): float(s) for c, s in zip(moving, spread, strict=True)}
+    value = np.asarray(state.trial.free)
+    entry = problem.structure.index
+    return {k: abs(float(value[entry[k]])) / at[entry[k]] if entry[k] in at else 0.0 for k in chosen}
+
+
+def _without_term(problem: Setup, state: State, out: str) -> Trial:
     """The hypothesis with one coefficient held at zero."""
     now = np.array(problem.space.values(state.trial.free, state.trial.fixed, state.trial.active))
     active, fixed = np.asarray(state.trial.active).copy(), np.asarray(state.trial.fixed).copy()
@@ -243,11 +260,11 @@ def _promising_sets(
         value.setdefault(frozenset(keys), (n * np.log(max(left, 1e-300) / n) + len(keys) * np.log(n), keys))
     ranked = [keys for _, keys in sorted(value.values())]
     # the best of every place, and of every family, then whatever promises most
-    first = [next((s for s in ranked if _place(s[0]) == p), None) for p in dict.fromkeys(o.place for o in room)]
+    first = [next((s for s in ranked if place_of(s[0]) == p), None) for p in dict.fromkeys(o.place for o in room)]
     families = [tuple(f"{m}.{n}" for n in names if f"{m}.{n}" in usable)[:most] for m, names in _FAMILIES]
     families = [f for f in families if f]
-    queue = [s for s in first if s] + ranked[:4] + sorted(families, key=lambda f: value[frozenset(f)][0]) + ranked
-    return list({frozenset(k): k for k in reversed(queue[: _BEST_SETS * 2])}.values())[: _BEST_SETS * 2]
+    queue = ranked[:3] + [s for s in first if s] + sorted(families, key=lambda f: value[frozenset(f)][0])[:4] + ranked
+    return list({frozenset(k): k for k in queue}.values())[:_SETS]
 
 
 def _left(columns: Sequence[np.ndarray], target: np.ndarray) -> float:
@@ -283,80 +300,3 @@ def _linearised(
     scaled = base / np.linalg.norm(base, axis=0)
     basis, values, _ = np.linalg.svd(scaled, full_matrices=False)
     return residual, basis[:, values > 1e-9 * values[0]], columns
-
-
-def _at_noise(state: State, split: Split) -> bool:
-    there = split.is_train | split.is_held
-    levels = [np.mean(state.residual[..., j][there[..., j]] ** 2) for j in range(there.shape[2]) if there[..., j].any()]
-    return bool(max(levels) < 1.1)
-
-
-# -- in words -----------------------------------------------------------------------------------------------------
-
-_SYMBOLS = (
-    ("temperature", "T", "K", 1.0),
-    ("displacement", "x", "mm", 1e3),
-    ("velocity", "v", "mm/s", 1e3),
-    ("effort", "u", "drive", 1.0),
-)
-_WHAT = {
-    "learned_heat": ("heat lost", "W", "thermoelectric"),
-    "learned_force": ("force against contraction", "N", "thermomechanical"),
-    "learned_reading temperature": ("thermometer reads too much by", "K", "sensor"),
-    "learned_reading displacement": ("displacement reads too much by", "mm", "sensor"),
-}
-
-
-def describe(found: Learned, every: Mapping[str, Estimate]) -> Closure:
-    """The closure as an expression with units; ``every`` holds the estimates of its final fit by key."""
-    problem, place = found.state.setup, _place(found.terms[0])
-    what, unit, subsystem = _WHAT[place]
-    terms = {o.key: o.term for o in _offers(problem)}
-    references = _references(problem)
-    value = lambda key: float(every[key].value) if key in every else 1.0  # noqa: E731
-    scale = {
-        "learned_heat": value("newton_cooling.conductance") * references["reference_temperature"],
-        "learned_force": value("elastic_spring.stiffness") * references["reference"],
-        "learned_reading temperature": references["reference_temperature"],
-        "learned_reading displacement": references["reference"] * 1e3,
-    }[place]
-    pieces, variables, in_si = [], [], {}
-    for key in found.terms:
-        term, e = terms[key], every[key]
-        factor = scale / term.unit_value(references)
-        words, units = _product(term)
-        for name, _, _, k in _SYMBOLS:
-            factor /= k ** getattr(term, name)
-        size = abs(e.value * factor)
-        sign = ("" if not pieces else "+ ") if e.value >= 0 else "- "
-        error = f" ± {abs(e.std * factor):.1g}" if np.isfinite(e.std) else ""
-        pieces.append(f"{sign}({size:.3g}{error}) {unit}{units} {words}")
-        variables += [v for v in term.variables if v not in variables]
-        in_si[key] = e
-    if subsystem == "thermoelectric" and variables == ["drive"]:
-        subsystem = "drive"
-    return Closure(
-        subsystem,
-        place,
-        tuple(variables),
-        f"{what} = {' '.join(pieces)}",
-        in_si,
-        found.evidence.held_out_gain,
-        found.evidence.delta_bic,
-    )
-
-
-def _product(term: Term) -> tuple[str, str]:
-    """("T x", "/(K mm)") of a term."""
-    words, units = [], []
-    for name, symbol, unit, _ in _SYMBOLS:
-        power = getattr(term, name)
-        if not power:
-            continue
-        raised = {1: "", 2: "²", 3: "³"}[power]
-        if name == "velocity" and not (term.odd and power == 1):
-            words.append(f"|{symbol}|" if power == 1 else f"|{symbol}| {symbol}")
-        else:
-            words.append(symbol + raised)
-        units.append(unit + raised)
-    return " ".join(words), f"/({' '.join(units)})"

@@ -110,6 +110,7 @@ def _estimate(
     evidence, mean, std, length, left = max(fits, key=lambda f: f[0])
     edges = np.cumsum([0, *[len(t) for t in times]])
     parts = [(mean[a:b] * unit, std[a:b] * unit) for a, b in itertools.pairwise(edges)]
+    shares, leading = depends(binned, times, [m for m, _ in parts], [s for _, s in parts])
     return Latent(
         place.subsystem,
         place.name,
@@ -120,7 +121,8 @@ def _estimate(
         tuple(times),
         tuple(m for m, _ in parts),
         tuple(s for _, s in parts),
-        depends(binned, times, [m for m, _ in parts], [s for _, s in parts]),
+        shares,
+        leading,
     )
 
 
@@ -183,8 +185,10 @@ def _marginal(
 
 def depends(
     binned: Binned, times: Sequence[np.ndarray], mean: Sequence[np.ndarray], std: Sequence[np.ndarray]
-) -> tuple[tuple[str, float], ...]:
-    """Share of the estimate's variance that a smooth function of each variable alone explains, strongest first."""
+) -> tuple[tuple[tuple[str, float], ...], tuple[np.ndarray, ...]]:
+    """Share of the estimate's variance that a smooth function of each variable alone explains, strongest first, and
+    the values of the strongest.
+    """
     known = {
         "temperature": binned.temperature,
         "displacement": binned.displacement,
@@ -194,11 +198,13 @@ def depends(
     }
     value, weight = np.concatenate(mean), 1.0 / (np.concatenate(std) ** 2 + 1e-300)
     weight = np.minimum(weight, 20 * np.median(weight))
-    out = []
+    out: list[tuple[str, float]] = []
+    values: dict[str, tuple[np.ndarray, ...]] = {}
     for name, states in known.items():
         if states is None:
             continue
-        at = np.concatenate([np.interp(t, binned.time[i] - binned.time[i, 0], states[i]) for i, t in enumerate(times)])
+        values[name] = tuple(np.interp(t, binned.time[i] - binned.time[i, 0], states[i]) for i, t in enumerate(times))
+        at = np.concatenate(values[name])
         if np.ptp(at) <= 1e-12 * (np.abs(at).max() + 1e-300):
             continue
         relative = 2 * (at - at.min()) / np.ptp(at) - 1
@@ -211,4 +217,5 @@ def depends(
         n = len(value)
         share = 1.0 - left / whole * (n - 1) / max(n - 5, 1)
         out.append((name, round(float(np.clip(share, 0.0, 1.0)), 4)))
-    return tuple(sorted(out, key=lambda p: -p[1]))
+    out.sort(key=lambda p: -p[1])
+    return tuple(out), values[out[0][0]] if out else ()

@@ -93,6 +93,7 @@ class Latent:
     mean: tuple[np.ndarray, ...]
     std: tuple[np.ndarray, ...]
     depends_on: tuple[tuple[str, float], ...]
+    leading: tuple[np.ndarray, ...] = ()  # the first of ``depends_on`` at ``time``; SI, temperature above ambient
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ class Closure:
     delta_bic: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Diagnosis:
     """The whole answer. ``says`` is the verdict in one sentence."""
 
@@ -119,8 +120,8 @@ class Diagnosis:
     location: Location
     mechanisms: tuple[Named, ...]
     ranking: tuple[Ranked, ...]
-    closure: Closure | None
-    missing: tuple[Latent, ...]  # what each balance or sensor would have to add, best evidence first
+    closure: Closure | None = None
+    missing: tuple[Latent, ...] = ()  # what each balance or sensor would have to add, best evidence first
     base_parameters: dict[str, Estimate]  # of the extended model, by key
     not_identifiable: tuple[str, ...]
     notes: tuple[str, ...]

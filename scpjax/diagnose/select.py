@@ -9,16 +9,8 @@ import numpy as np
 
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
-from scpjax.diagnose.trials import (
-    State,
-    afresh,
-    at_rest,
-    fit_promising,
-    screen,
-    start_value,
-    trial_at,
-    without,
-)
+from scpjax.diagnose.screen import fit_promising, screen
+from scpjax.diagnose.trials import State, afresh, at_noise, at_rest, start_value, trial_at, without
 from scpjax.fit.colour import Whitener
 from scpjax.fit.setup import Setup, laws_that_can_act
 from scpjax.physics.mechanism import Mechanism
@@ -190,7 +182,7 @@ def choose(
         state = afresh(best.state, split)
         state = _other_laws(state, best.added, split, rules)
         state = _prune(state, split, rules)
-        if _at_noise(state, split):
+        if at_noise(state, split):
             break
     chance = {n: c for n, c in chance.items() if n in state.names}
     return Choice(state, tuple(ranking), chance, {n: equivalents.get(n, ()) for n in state.names})
@@ -226,9 +218,3 @@ def _other_laws(state: State, name: str, split: Split, rules: Evidence) -> State
         if compare(best, after, name, m.laws[law], split, rules, max(len(added), 1)).accepted:
             best = after
     return best
-
-
-def _at_noise(state: State, split: Split) -> bool:
-    there = split.is_train | split.is_held
-    levels = [np.mean(state.residual[..., j][there[..., j]] ** 2) for j in range(there.shape[2]) if there[..., j].any()]
-    return bool(max(levels) < 1.05)

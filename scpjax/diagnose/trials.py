@@ -6,17 +6,16 @@ together are only simulated, to see which are worth fitting.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import nnls
 
 from scpjax.diagnose.holdout import Split
 from scpjax.fit.data import Data
-from scpjax.fit.problem import CEILING, Trial
+from scpjax.fit.problem import Trial
 from scpjax.fit.setup import Setup, carry, laws_that_can_act, restructured
-from scpjax.fit.solve import binned_of, evaluate, residuals_at, solve_all, stack
+from scpjax.fit.solve import binned_of, solve_all
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism
 
@@ -134,121 +133,21 @@ def residual_on(trial: Trial, data: Data, setup: Setup) -> np.ndarray:
     return binned_of([trial], data, setup.space)[0]
 
 
-@dataclass(frozen=True)
-class Promise:
-    """What a mechanism promises: fall of the sum of squares by all its starts together, and by each."""
-
-    mechanism: Mechanism
-    gain: float
-    starts: tuple[Start, ...]
-    each: np.ndarray
+FEW, _NEARLY = 12, 0.2  # steps of all; of the leader's gain after them, with less than which one is left there
+TOLERANCE = 0.02  # half the fall of the sum of squares in one step with which a trial has come to rest
 
 
-def screen(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Mechanism]) -> list[Promise]:
-    """What each mechanism promises, most first, by a score test along its own effects.
-
-    With ``d`` what a mechanism at its start changes and ``r`` the residuals, both after all that the parameters of the
-    present hypothesis can imitate is taken out of them (by its Jacobian), an effect ``alpha`` times as strong would
-    take (d r)^2 / d^2 away if the simulation were linear in it. An effect of the wrong sign promises nothing. Starts
-    of one mechanism together promise what their best mixture with no negative share does.
-    """
-    here = evaluate(stack([state.trial]), split.train, state.setup.space)
-    n = split.train.target.size
-    residual, jacobian = np.asarray(here.residual[0])[:n], np.asarray(here.jacobian[0])[:n]
-    imitated, _ = np.linalg.qr(jacobian[:, np.any(jacobian != 0, axis=0)])
-    clean = lambda x: x - (x @ imitated) @ imitated.T  # noqa: E731
-    starts = [s for m in mechanisms for s in starts_with(state, m, catalogue)]
-    simulated = residuals_at(
-        np.stack([s.value for s in starts]), np.stack([s.laws for s in starts]), split.train, catalogue.space
+def at_noise(state: State, split: Split, level: float = 1.05) -> bool:
+    """Whether the mean square of the residuals is down to the noise in every column, to within ``level``."""
+    there = split.is_train | split.is_held
+    return all(
+        float(np.mean(state.residual[..., j][there[..., j]] ** 2)) < level
+        for j in range(there.shape[2])
+        if there[..., j].any()
     )
-    blown = np.any(np.abs(simulated) >= CEILING, axis=(1, 2, 3))
-    changed = clean(simulated.reshape(len(starts), -1) - residual)
-    target = clean(residual)
-    size = np.sqrt(np.sum(changed**2, axis=1))
-    ok = ~blown & np.isfinite(size) & (size > 0)
-    unit = np.where(ok[:, None], -changed / np.where(ok, size, 1.0)[:, None], 0.0)
-    along = np.maximum(unit @ target, 0.0)
-    gain = along**2
-    out = []
-    for m in mechanisms:
-        mine = [i for i, s in enumerate(starts) if s.mechanism is m]
-        if not mine:
-            continue
-        left = nnls(unit[mine].T, target)[1] if np.any(gain[mine] > 0) else float(np.linalg.norm(target))
-        whole = max(float(target @ target) - float(left) ** 2, float(np.max(gain[mine])))
-        out.append(Promise(m, whole, tuple(starts[i] for i in mine), gain[mine]))
-    return sorted(out, key=lambda p: -p.gain)
 
 
-_BEHIND, _LITTLE = 0.2, 12.0  # of the leader's promise, and in all, less than which a mechanism is not worth fitting
-_AT_LEAST, _AT_MOST = 2, 6  # mechanisms fitted
-_FEW, _NEARLY = 12, 0.2  # steps of all; of the leader's gain after them, with less than which one is left there
-_TOLERANCE = 0.02  # half the fall of the sum of squares in one step with which a trial has come to rest
-_STARTS = 8  # of one mechanism, at most
-
-
-def promising(promises: Sequence[Promise]) -> list[Promise]:
-    """Which mechanisms to fit: those not far behind the leader."""
-    worth = [p for p in promises if p.gain >= _LITTLE]
-    near = [p for p in worth if p.gain >= _BEHIND * worth[0].gain]
-    return (near if len(near) >= _AT_LEAST else worth[:_AT_LEAST])[:_AT_MOST]
-
-
-def _best_starts(promise: Promise) -> list[Start]:
-    """The best start of every law, then second ones, most promising first."""
-    order = [int(i) for i in np.argsort(-promise.each, kind="stable")]
-    laws = dict.fromkeys(promise.starts[i].law for i in order)
-    first = [next(i for i in order if promise.starts[i].law == law) for law in laws]
-    queue = first + [i for i in order if i not in first]
-    return [promise.starts[i] for i in queue[:_STARTS]]
-
-
-def fit_promising(
-    state: State,
-    split: Split,
-    promises: Sequence[Promise],
-    max_steps: int,
-    tell: Callable[[str], None],
-) -> dict[str, dict[int, State]]:
-    """By mechanism and law, the hypotheses with one mechanism more that were worth fitting."""
-    fits: list[tuple[Setup, list[Trial], np.ndarray, np.ndarray, Promise]] = []
-    for promise in promising(promises):
-        tell(promise.mechanism.name)
-        problem = grown(state.setup, promise.mechanism)
-        begun = _best_starts(promise)
-        over = {s.law: s for s in starts_with(state, promise.mechanism, problem)}
-        trials = [_transfer(s, over[s.law], problem) for s in begun]
-        solved, cost, rest = solve_all(trials, split.train, problem.space, max_steps=_FEW, tolerance=_TOLERANCE)
-        fits.append((problem, solved, cost, rest, promise))
-    if not fits:
-        return {}
-    lead = max(float(state.cost - np.min(cost)) for _, _, cost, _, _ in fits)
-    out: dict[str, dict[int, State]] = {}
-    for problem, solved, cost, rest, promise in fits:
-        solved, cost = _go_on(problem, split, solved, cost, rest, state.cost, lead, max_steps - _FEW)
-        residuals = binned_of(solved, split.whole, problem.space)
-        # a trial that blew up (its residuals are cut off) explains nothing
-        residuals[np.any(np.abs(residuals) >= CEILING, axis=(1, 2, 3))] = 10.0 * np.abs(state.residual)
-        which = next(i for i, m in enumerate(problem.structure.mechanisms) if m.name == promise.mechanism.name)
-        best: dict[int, State] = {}
-        for trial, residual, c in zip(solved, residuals, cost, strict=True):
-            law = int(np.asarray(trial.laws)[which])
-            if law not in best or c < best[law].cost:
-                best[law] = State(problem, trial, residual, float(c))
-        out[promise.mechanism.name] = best
-    return out
-
-
-def _transfer(start: Start, like: Start, problem: Setup) -> Trial:
-    """A start over the catalogue's problem as a trial of a smaller one."""
-    value = like.value.copy()
-    m = start.mechanism
-    for k, p in enumerate(m.parameters):
-        value[problem.structure.index[f"{m.name}.{p.name}"]] = start.own[k]
-    return trial_at(problem, value, like.laws)
-
-
-def _go_on(
+def go_on(
     setup: Setup,
     split: Split,
     solved: list[Trial],
@@ -263,7 +162,7 @@ def _go_on(
     leading = [int(i) for i in np.flatnonzero(~rest) if gain[i] < 0 or gain[i] > _NEARLY * lead]
     if leading and steps > 0:
         better, lower, _ = solve_all(
-            [solved[i] for i in leading], split.train, setup.space, max_steps=steps, tolerance=_TOLERANCE
+            [solved[i] for i in leading], split.train, setup.space, max_steps=steps, tolerance=TOLERANCE
         )
         for i, trial, c in zip(leading, better, lower, strict=True):
             solved[i], cost[i] = trial, c
@@ -274,14 +173,14 @@ def fit_leading(
     setup: Setup, split: Split, trials: Sequence[Trial], before: float, max_steps: int
 ) -> tuple[list[Trial], np.ndarray]:
     """(trials, costs) after a few steps of all; those that nearly lead by then, or have yet to return, come to rest."""
-    solved, cost, rest = solve_all(trials, split.train, setup.space, max_steps=_FEW, tolerance=_TOLERANCE)
+    solved, cost, rest = solve_all(trials, split.train, setup.space, max_steps=FEW, tolerance=TOLERANCE)
     lead = float(before - np.min(cost))
-    return _go_on(setup, split, solved, cost, rest, before, lead, max_steps - _FEW)
+    return go_on(setup, split, solved, cost, rest, before, lead, max_steps - FEW)
 
 
 def at_rest(setup: Setup, split: Split, trials: Sequence[Trial], *, max_steps: int = 60) -> State:
     """The best of some trials of one problem, come to rest."""
-    solved, cost, _ = solve_all(trials, split.train, setup.space, max_steps=max_steps)
+    solved, cost, _ = solve_all(trials, split.train, setup.space, max_steps=max_steps, tolerance=TOLERANCE)
     i = int(np.argmin(cost))
     return State(setup, solved[i], residual_on(solved[i], split.whole, setup), float(cost[i]))
 
@@ -296,7 +195,11 @@ def afresh(state: State, split: Split) -> State:
     added = np.isin([s.mechanism for s in setup.structure.slots], state.names)
     keep = np.concatenate([added, np.zeros(len(now) - len(added), bool)])
     begun = [trial_at(setup, np.where(keep, now, start), laws) for start in setup.starts[:3]]
-    return at_rest(setup, split, [state.trial, *begun])
+    solved, cost, rest = solve_all([state.trial, *begun], split.train, setup.space, max_steps=FEW, tolerance=TOLERANCE)
+    worst = float(np.max(cost[np.isfinite(cost)]))
+    solved, cost = go_on(setup, split, solved, cost, rest, worst, worst - float(np.min(cost)), 60 - FEW)
+    i = int(np.argmin(cost))
+    return State(setup, solved[i], residual_on(solved[i], split.whole, setup), float(cost[i]))
 
 
 def without(state: State, name: str, split: Split) -> State:

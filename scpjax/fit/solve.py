@@ -125,8 +125,8 @@ def solve_one(
     )
 
 
-LANES = 4
-"""Trials in one compiled call: enough to fill the vector units, few enough to waste little."""
+AT_ONCE = 8
+"""Trials in one compiled call, at most."""
 
 
 def solve(
@@ -138,25 +138,33 @@ def solve(
     tolerance: float = 1e-3,
     robust: float = 0.0,
 ) -> Solution:
-    """All trials (leading axis) abreast on the same data, in one compiled call.
+    """All trials (leading axis) one after the other on the same data, in one compiled call.
 
-    A few trials are filled up to `LANES` by repeating the last, so that one program for a model serves all; a linear
-    model, whose program is quickly made, has one of its own for a single trial.
+    Few are filled up to `AT_ONCE`, so that one program for a model serves any number; the filling is not solved. Side
+    by side they would all take as many steps as the slowest, and a Jacobian for every step that is rejected.
     """
     n = trials.free.shape[0]
-    idle = 0 if n == 1 and space.structure.is_linear else max(LANES - n, 0)
+    idle = max(AT_ONCE - n, 0)
     if idle:
         trials = jax.tree.map(lambda x: jnp.concatenate([x, jnp.repeat(x[-1:], idle, axis=0)]), trials)
-    found = _solve(trials, data, space, jnp.asarray(max_steps), jnp.asarray(tolerance), robust)
+    found = _solve(trials, data, space, jnp.asarray(n), jnp.asarray(max_steps), jnp.asarray(tolerance), robust)
     return jax.tree.map(lambda x: x[:n], found) if idle else found
 
 
 @eqx.filter_jit
-def _solve(trials: Trial, data: Data, space: Space, max_steps: Array, tolerance: Array, robust: float) -> Solution:
+def _solve(
+    trials: Trial, data: Data, space: Space, count: Array, max_steps: Array, tolerance: Array, robust: float
+) -> Solution:
     def one(trial: Trial) -> Solution:
         return solve_one(trial, data, space, max_steps=max_steps, tolerance=tolerance, robust=robust)
 
-    return jax.vmap(one)(trials)
+    like = jax.eval_shape(one, pick(trials, 0))
+    empty = jax.tree.map(lambda x: jnp.zeros((trials.free.shape[0], *x.shape), x.dtype), like)
+
+    def put(i: Array, done: Solution) -> Solution:
+        return jax.tree.map(lambda all_, mine: all_.at[i].set(mine), done, one(pick(trials, i)))
+
+    return jax.lax.fori_loop(0, count, put, empty)
 
 
 def solve_fleet(
@@ -220,8 +228,8 @@ def binned_of(trials: Sequence[Trial], data: Data, space: Space) -> np.ndarray:
 
 
 def batches(trials: Sequence[Trial]) -> list[list[Trial]]:
-    """Batches of `LANES`, the last one shorter."""
-    return [list(trials[i : i + LANES]) for i in range(0, len(trials), LANES)]
+    """Batches of `AT_ONCE`, the last one shorter."""
+    return [list(trials[i : i + AT_ONCE]) for i in range(0, len(trials), AT_ONCE)]
 
 
 _FORWARD = 16  # simulations abreast
@@ -254,6 +262,6 @@ def stack(trials: Sequence[Trial]) -> Trial:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trials)
 
 
-def pick(trials: Trial, i: int) -> Trial:
+def pick(trials: Trial, i: int | Array) -> Trial:
     """One of stacked trials."""
     return jax.tree.map(lambda leaf: leaf[i], trials)

@@ -13,7 +13,7 @@ from scpjax.physics.catalogue import catalogue
 from scpjax.physics.storage import save_model
 from scpjax.recordings.files import write_text
 from scpjax.recordings.recording import Recording
-from scpjax.report import bars, experiment, page, plot
+from scpjax.report import bars, experiment, missing, page, plot
 from scpjax.report.numbers import column, number, percent
 from scpjax.report.pieces import (
     fact,
@@ -60,6 +60,7 @@ def write_diagnosis(
     if first:
         titles = {k: m.title for k, m in catalogue().items()}
         shapes["ranking"] = plot.png(bars.ranking(first, [m.name for m in d.mechanisms], titles))
+    lacking = missing.section(d, shapes)
     proposed = experiment.drawn(d.next_experiment)
     if d.next_experiment is not None and proposed is not None:
         shapes["next_experiment"] = proposed
@@ -68,7 +69,10 @@ def write_diagnosis(
     body = [
         _diagnosis_head(d),
         _where(d, shapes),
-        page.section("What is missing", *(_mechanism(m) for m in d.mechanisms), _nothing_named(d)),
+        lacking,
+        page.section(
+            "What was left out", *(_mechanism(m) for m in d.mechanisms), _nothing_named(d), missing.learned(d.closure)
+        ),
         page.section(
             "Before and after",
             _scores_table(d),

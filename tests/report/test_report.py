@@ -9,7 +9,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from scpjax.diagnose.result import Diagnosis, Location, Named, Ranked, Scores, Window
+from scpjax.diagnose.result import Closure, Diagnosis, Latent, Location, Named, Ranked, Scores, Window
 from scpjax.fit.fleet import Fleet
 from scpjax.fit.result import Estimate, Fit, Trace
 from scpjax.physics import presets
@@ -139,7 +139,7 @@ def test_the_page_says_it_all_and_needs_nothing(tmp_path):
         "In the heat balance",
         "while it heats up (70 % of the misfit)",
         "The residual goes with the temperature.",
-        "What is missing",
+        "What was left out",
         "so <the same> voltage heats it less",
         "0.003930 ± 0.000040",
         "0.00385 to 0.00401",
@@ -165,7 +165,7 @@ def test_the_page_says_it_all_and_needs_nothing(tmp_path):
     at = 0
     for words in says:
         assert words in text, words
-    for heading in ("Where", "What is missing", "Before and after", "What was tried", "How to make"):
+    for heading in ("Where", "What was left out", "Before and after", "What was tried", "How to make"):
         at = text.index(heading, at)
     assert len(page.fetched) == 4  # two overlays, where, ranking
     names = {p.name for p in (tmp_path / "figures").iterdir()}
@@ -319,3 +319,41 @@ def test_a_hole_in_a_long_signal_stays_a_hole():
 )
 def test_numbers(said, words):
     assert said == words
+
+
+def latent(subsystem: str = "thermoelectric", place: str = "heat", unit: str = "W") -> Latent:
+    t = np.linspace(0, 20, 30)
+    return Latent(
+        subsystem, place, unit, 412.3, 0.93, 1.5, (t, t), (np.sin(t), 0.5 * t), (0.1 + 0 * t, 0.2 + 0 * t),
+        (("temperature", 0.81), ("drive", 0.2)), (30 * t, 20 * t),
+    )  # fmt: skip
+
+
+def test_what_is_missing_is_drawn_and_what_was_learned_is_not_given_a_name(tmp_path):
+    learned = Closure(
+        "thermoelectric", "learned_heat", ("temperature",), "heat lost = (0.0012 ± 0.0001) W/(K²) T²",
+        {"T2": GAIN}, 0.7, 88.0,
+    )  # fmt: skip
+    reading = latent("sensor", "temperature reading", "K")
+    made = diagnosis(
+        verdict="unexplained", says="Something is missing.", mechanisms=(), closure=learned, missing=(latent(), reading)
+    )
+    _, text = read(write_diagnosis(made, tmp_path, recordings=recordings()))
+    assert "Learned, not named: heat" in text
+    assert "heat lost = (0.0012 ± 0.0001) W/(K²) T²" in text
+    assert "What is missing, before it is named" in text
+    assert "temperature (81 %)" in text
+    assert "Power missing" in text
+    assert "Missing in the temperature reading" in text
+    assert (tmp_path / "figures" / "missing.png").stat().st_size > 10_000
+    j = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert j["closure"]["expression"] == learned.expression
+    assert [m["place"] for m in j["missing"]] == ["heat", "temperature reading"]
+    assert j["missing"][0]["depends_on"][0] == {"variable": "temperature", "strength": 0.81}
+
+
+def test_an_adequate_model_shows_no_missing_input(tmp_path):
+    made = diagnosis(verdict="adequate", mechanisms=(), missing=(latent(),))
+    _, text = read(write_diagnosis(made, tmp_path, recordings=recordings()))
+    assert "before it is named" not in text
+    assert not (tmp_path / "figures" / "missing.png").exists()

@@ -28,7 +28,7 @@ ACTIVE = {
     "antagonist_load": {"strength": 0.7, "onset": 0.4, "length": 0.5, "reference": 0.0025},
     "creep": {"compliance": 0.3, "time_constant": 2.0, "slow_compliance": 0.2, "slow_ratio": 4.0},
     "drive_dead_zone": {"threshold": 0.3, "reference": 10.0},
-    "fatigue": {"loss": 0.8, "reference": 0.0005, "reference_temperature": 20.0, "reference_time": 6.0},
+    "fatigue": {"loss": 0.8, "most": 0.6, "reference": 0.0005, "reference_temperature": 20.0, "reference_time": 6.0},
     "friction": {"strength": 0.2, "velocity_time": 10.0, "static": 0.5, "reference": 0.0025},
     "hysteresis": {"strength": 0.4, "width": 0.15},
     "input_delay": {"time": 0.1},

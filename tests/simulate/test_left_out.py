@@ -96,7 +96,7 @@ def tiring(law):
         2: lambda t, z, u: max(z[0], 0) / 20 / 6,
     }[law]
     worn = lambda t, z: t / 6 if law == 2 else z[3]  # noqa: E731
-    return plant(force=lambda t, z, u: PULL * z[0] / (1 + 0.8 * worn(t, z)), own=(wear,))
+    return plant(force=lambda t, z, u: PULL * z[0] * (1 - 0.6 * (1 - np.exp(-0.8 / 0.6 * worn(t, z)))), own=(wear,))
 
 
 def pulled_back(law):

@@ -13,7 +13,7 @@ class Fatigue(Mechanism):
     title = "The coil tires"
     subsystem = "thermomechanical"
     equation = (
-        "F = C T / (1 + a w), w = 0 at the start;  law strokes: dw/dt = |v|/(10 x_ref);  "
+        "F = C T (1 - b (1 - exp(-a w/b))), w = 0 at the start;  law strokes: dw/dt = |v|/(10 x_ref);  "
         "law heat: dw/dt = max(T, 0)/(T_ref t_ref);  law time: w = t/t_ref"
     )
     source = (
@@ -31,12 +31,22 @@ class Fatigue(Mechanism):
             name="loss",
             symbol="a",
             unit="1",
-            description="loss of force, as a share of what is left, after ten travels of the reference displacement "
-            "(strokes), the reference time at the reference excess (heat), the reference time (time)",
+            description="share of the force that would be lost, at the pace of the beginning, in ten travels of the "
+            "reference displacement (strokes), the reference time at the reference excess (heat), that time (time)",
             typical=0.3,
             bounds=(0.003, 30.0),
             null=0.0,
             spread=1.5,
+        ),
+        Parameter(
+            name="most",
+            symbol="b",
+            unit="1",
+            description="share of the force that is lost in the end",
+            typical=0.6,
+            bounds=(0.02, 1.0),
+            null=0.6,
+            spread=0.5,
         ),
         Parameter(
             name="reference",
@@ -69,11 +79,11 @@ class Fatigue(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.3, 0.0, 0.0, 0.0),)
+    starts = ((0.3, 0.6, 0.0, 0.0, 0.0),)
 
     def force(self, p: Values, view: View) -> Side:
         wear = p.loss * jnp.where(p.law == 2, view.time / p.reference_time, view.own[0])
-        return -view.shared["coefficient"] * view.actuating * wear / (1.0 + wear)
+        return view.shared["coefficient"] * view.actuating * p.most * jnp.expm1(-wear / p.most)
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
         strokes = jnp.abs(view.velocity) / (STROKES * p.reference)

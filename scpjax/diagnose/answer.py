@@ -1,0 +1,160 @@
+"""A diagnosis put together: verdict, scores, names with their error bars, and the models fitted to all data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from scpjax.diagnose.closure import Learned
+from scpjax.diagnose.expression import describe
+from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.locate import Binned, locate
+from scpjax.diagnose.outside import AT_NOISE, level
+from scpjax.diagnose.result import Closure, Diagnosis, Latent, Named, Scores, Verdict
+from scpjax.diagnose.select import Choice
+from scpjax.diagnose.trials import State, residual_on
+from scpjax.fit.colour import Whitener
+from scpjax.fit.data import Data
+from scpjax.fit.fit import final_model, noise_by_column, refine, scores, traces
+from scpjax.fit.identifiability import estimates, uncertainty
+from scpjax.fit.problem import Trial
+
+
+def answer(
+    parts: Split,
+    base: State,
+    choice: Choice,
+    learned: Learned | None,
+    binned: Binned,
+    lacking: tuple[Latent, ...],
+    *,
+    notes: tuple[str, ...],
+    seconds: float,
+    settings: Mapping[str, Any],
+) -> Diagnosis:
+    """The whole answer; the hypotheses are fitted once more, to all data."""
+    setup = base.setup
+    state = learned.state if learned else choice.state
+    problem = state.setup
+    held = np.where(parts.mask, np.asarray(parts.whole.weights), 0.0)
+    train = np.asarray(parts.train.weights)
+    final, final_data = _final(parts, state)
+    base_final, _ = _final(parts, base)
+    doubt = uncertainty(final, final_data, problem.space, coloured=final_data is parts.whole)
+    every = estimates(final, problem.space, doubt)
+    named = _named(choice, every)
+    closure = describe(learned, every) if learned else None
+    subsystem = closure.subsystem if closure and not named else _subsystem(choice, lacking)
+    verdict, says = _verdict(choice.state, parts, named, closure)
+    noise = noise_by_column(setup)
+    model = " + ".join((setup.structure.name, *choice.state.names, *(["closure"] if learned else [])))
+    return Diagnosis(
+        verdict=verdict,
+        says=says,
+        base=Scores(
+            setup.structure.name,
+            scores(setup, parts.train, base.trial, train),
+            scores(setup, parts.whole, base.trial, held),
+            noise,
+        ),
+        extended=Scores(
+            model,
+            scores(problem, parts.train, state.trial, train),
+            scores(problem, parts.whole, state.trial, held),
+            noise,
+        ),
+        location=locate(setup, binned, subsystem, lacking),
+        mechanisms=named,
+        ranking=choice.ranking,
+        closure=closure,
+        missing=lacking,
+        base_parameters={k: e for k, e in every.items() if k.split(".")[0] in setup.structure.base},
+        not_identifiable=doubt.open_directions,
+        notes=setup.notes + notes,
+        model=final_model(problem, final),
+        base_model=final_model(setup, base_final),
+        traces=traces(setup, parts.whole, base.trial, state.trial, parts.mask, extended_setup=problem),
+        seconds=seconds,
+        settings={
+            "files": [r.metadata.path or r.metadata.name for r in setup.recordings],
+            "bin": setup.data.bin,
+            **settings,
+            "held_out": "25-35 %, 60-70 % and 90-100 % of every recording",
+        },
+    )
+
+
+def _final(parts: Split, state: State) -> tuple[Trial, Data]:
+    """The hypothesis fitted to all data, by generalised least squares where its residuals stay coloured.
+
+    The colour is believed if the held-out stretches, filtered by it, are predicted no worse by a training fit that
+    uses it than by one that does not.
+    """
+    setup, there = state.setup, parts.is_train | parts.is_held
+    white = Whitener.learn(state.residual, there)
+    trial, _, _ = refine(setup, parts.whole, state.trial)
+    if white.is_white:
+        return trial, parts.whole
+    trained, _, _ = refine(setup, parts.train.with_colour(white.colour), state.trial)
+    plain, filtered = (white(r, parts.is_held)[0] for r in (state.residual, residual_on(trained, parts.whole, setup)))
+    if filtered > plain * (1 + 1e-3):
+        return trial, parts.whole
+    data = parts.whole
+    for _ in range(2):
+        data = parts.whole.with_colour(white.colour)
+        trial, _, _ = refine(setup, data, trial)
+        white = Whitener.learn(residual_on(trial, parts.whole, setup), there)
+    return trial, data
+
+
+def _named(choice: Choice, every: Mapping) -> tuple[Named, ...]:
+    out = []
+    laws = choice.state.laws
+    for name in choice.state.names:
+        m = choice.state.setup.structure.mechanism(name)
+        mine = {k.split(".")[1]: e for k, e in every.items() if k.startswith(f"{name}.")}
+        out.append(
+            Named(
+                name=name,
+                title=m.title,
+                subsystem=m.subsystem,
+                law=laws[name],
+                probability=choice.probability.get(name, 0.0),
+                parameters=mine,
+                equivalents=choice.equivalents.get(name, ()),
+                says=m.says,
+                equation=m.equation,
+                source=m.source,
+            )
+        )
+    return tuple(out)
+
+
+def _subsystem(choice: Choice, lacking: Sequence[Latent]) -> str:
+    """The balance of the mechanism that removes most; without one, that which best answers for the misfit."""
+    if choice.state.names:
+        return choice.state.setup.structure.mechanism(choice.state.names[0]).subsystem
+    return lacking[0].subsystem
+
+
+def _verdict(state: State, parts: Split, named: tuple[Named, ...], closure: Closure | None) -> tuple[Verdict, str]:
+    ratio = level(state, parts)
+    names = " and ".join(m.title[0].lower() + m.title[1:] for m in named)
+    learned = f" Learned in its place: {closure.expression}." if closure else ""
+    if not named and ratio <= AT_NOISE:
+        return "adequate", "Nothing is missing: at this noise the base model explains the recordings."
+    if not named:
+        return (
+            "unexplained",
+            f"Something is missing (the misfit is {ratio:.1f} times the noise) that no mechanism of the catalogue "
+            f"explains.{learned}",
+        )
+    if ratio <= AT_NOISE:
+        return "explained", f"Left out of the base model: {names}. With it the misfit is down to the noise."
+    return (
+        "unexplained",
+        f"Left out of the base model: {names}; but the misfit is still {ratio:.1f} times the noise, so something "
+        f"else is missing too.{learned}",
+    )

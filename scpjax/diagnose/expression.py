@@ -1,0 +1,80 @@
+"""A learned closure in words: an expression with units, and what it says about the balance it stands in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from scpjax.diagnose.closure import Learned, offers, place_of, references
+from scpjax.diagnose.result import Closure
+from scpjax.fit.result import Estimate
+from scpjax.physics.terms import Term
+
+_SYMBOLS = (
+    ("temperature", "T", "K", 1.0),
+    ("displacement", "x", "mm", 1e3),
+    ("velocity", "v", "mm/s", 1e3),
+    ("effort", "u", "drive", 1.0),
+)
+_WHAT = {
+    "learned_heat": ("heat lost", "W", "thermoelectric"),
+    "learned_force": ("force against contraction", "N", "thermomechanical"),
+    "learned_reading temperature": ("thermometer reads too much by", "K", "sensor"),
+    "learned_reading displacement": ("displacement reads too much by", "mm", "sensor"),
+}
+
+
+def describe(found: Learned, every: Mapping[str, Estimate]) -> Closure:
+    """The closure as an expression with units; ``every`` holds the estimates of its final fit by key."""
+    problem, place = found.state.setup, place_of(found.terms[0])
+    what, unit, subsystem = _WHAT[place]
+    terms = {o.key: o.term for o in offers(problem)}
+    reference = references(problem)
+    value = lambda key: float(every[key].value) if key in every else 1.0  # noqa: E731
+    scale = {
+        "learned_heat": value("newton_cooling.conductance") * reference["reference_temperature"],
+        "learned_force": value("elastic_spring.stiffness") * reference["reference"],
+        "learned_reading temperature": reference["reference_temperature"],
+        "learned_reading displacement": reference["reference"] * 1e3,
+    }[place]
+    pieces, variables, in_si = [], [], {}
+    for key in found.terms:
+        term, e = terms[key], every[key]
+        factor = scale / term.unit_value(reference)
+        words, units = _product(term)
+        for name, _, _, k in _SYMBOLS:
+            factor /= k ** getattr(term, name)
+        size = abs(e.value * factor)
+        sign = ("" if not pieces else "+ ") if e.value >= 0 else "- "
+        error = f" ± {abs(e.std * factor):.1g}" if np.isfinite(e.std) else ""
+        pieces.append(f"{sign}({size:.3g}{error}) {unit}{units} {words}")
+        variables += [v for v in term.variables if v not in variables]
+        in_si[key] = e
+    if subsystem == "thermoelectric" and variables == ["drive"]:
+        subsystem = "drive"
+    return Closure(
+        subsystem,
+        place,
+        tuple(variables),
+        f"{what} = {' '.join(pieces)}",
+        in_si,
+        found.evidence.held_out_gain,
+        found.evidence.delta_bic,
+    )
+
+
+def _product(term: Term) -> tuple[str, str]:
+    """("T x", "/(K mm)") of a term."""
+    words, units = [], []
+    for name, symbol, unit, _ in _SYMBOLS:
+        power = getattr(term, name)
+        if not power:
+            continue
+        raised = {1: "", 2: "²", 3: "³"}[power]
+        if name == "velocity" and not (term.odd and power == 1):
+            words.append(f"|{symbol}|" if power == 1 else f"|{symbol}| {symbol}")
+        else:
+            words.append(symbol + raised)
+        units.append(unit + raised)
+    return " ".join(words), f"/({' '.join(units)})"

@@ -1,0 +1,57 @@
+"""Names that do not reach the noise: are they false, and what is learned in their place or beyond them?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from scpjax.diagnose.closure import Learned, learn
+from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.result import Latent
+from scpjax.diagnose.select import Choice, Evidence
+from scpjax.diagnose.trials import State
+
+AT_NOISE = 1.15  # ratio of residual to noise, in some column, up to which nothing more is asked for
+_LITTLE_LEFT = 0.05  # of the held-out misfit in excess of the noise: what names may leave unsought
+_NEARLY = 0.8  # of the share of the misfit that the best balance can answer for: one that can do so too
+_COMPLETE = 0.1  # of the misfit: what a closure alone may leave to be an explanation in place of names
+_FAR_BETTER = 0.5  # ratio of what it leaves to what the names leave, below which they are false
+
+
+def level(state: State, parts: Split) -> float:
+    """RMS misfit in units of the noise, in the column where it is greatest."""
+    there = parts.is_train | parts.is_held
+    columns = [j for j in range(there.shape[2]) if there[..., j].any()]
+    return max(float(np.sqrt(np.mean(state.residual[..., j][there[..., j]] ** 2))) for j in columns)
+
+
+def _excess(state: State, there: np.ndarray) -> float:
+    """Sum of squares beyond what the noise makes."""
+    return max(float(np.sum(state.residual[there] ** 2) - there.sum()), 0.0)
+
+
+def able(lacking: Sequence[Latent]) -> tuple[str, ...]:
+    """Balances and sensors that can answer for the misfit nearly as well as the best of them."""
+    best = max(m.explained for m in lacking)
+    return tuple(dict.fromkeys(m.subsystem for m in lacking if m.explained > _NEARLY * best))
+
+
+def beyond_names(
+    parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str]
+) -> tuple[Choice, Learned | None]:
+    """What is to be said when the named mechanisms do not reach the noise.
+
+    Names are false if a closure without them explains nearly all of the held-out misfit, and far better than they do.
+    A closure is learned beyond the names that stay.
+    """
+    held = parts.is_held
+    whole, left = _excess(base, held), _excess(choice.state, held)
+    if left <= _LITTLE_LEFT * whole:
+        return choice, None
+    alone = learn(base, parts, rules, where)
+    if not choice.state.names:
+        return choice, alone
+    if alone is not None and _excess(alone.state, held) < min(_COMPLETE * whole, _FAR_BETTER * left):
+        return Choice(base, choice.ranking, {}, {}), alone
+    return choice, learn(choice.state, parts, rules)

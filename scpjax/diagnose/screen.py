@@ -1,0 +1,137 @@
+"""Which mechanisms are worth fitting? A score test of all of them from simulations alone; then those that are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+
+from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.trials import FEW, TOLERANCE, Start, State, at_noise, go_on, grown, starts_with, trial_at
+from scpjax.fit.problem import CEILING, Trial
+from scpjax.fit.setup import Setup
+from scpjax.fit.solve import binned_of, evaluate, residuals_at, solve_all, stack
+from scpjax.physics.mechanism import Mechanism
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What a mechanism promises: fall of the sum of squares by all its starts together, and by each."""
+
+    mechanism: Mechanism
+    gain: float
+    starts: tuple[Start, ...]
+    each: np.ndarray
+
+
+def screen(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Mechanism]) -> list[Promise]:
+    """What each mechanism promises, most first, by a score test along its own effects.
+
+    With ``d`` what a mechanism at its start changes and ``r`` the residuals, both after all that the parameters of the
+    present hypothesis can imitate is taken out of them (by its Jacobian), an effect ``alpha`` times as strong would
+    take (d r)^2 / d^2 away if the simulation were linear in it. An effect of the wrong sign promises nothing. Starts
+    of one mechanism together promise what their best mixture with no negative share does.
+    """
+    here = evaluate(stack([state.trial]), split.train, state.setup.space)
+    n = split.train.target.size
+    residual, jacobian = np.asarray(here.residual[0])[:n], np.asarray(here.jacobian[0])[:n]
+    imitated, _ = np.linalg.qr(jacobian[:, np.any(jacobian != 0, axis=0)])
+    clean = lambda x: x - (x @ imitated) @ imitated.T  # noqa: E731
+    starts = [s for m in mechanisms for s in starts_with(state, m, catalogue)]
+    simulated = residuals_at(
+        np.stack([s.value for s in starts]), np.stack([s.laws for s in starts]), split.train, catalogue.space
+    )
+    blown = np.any(np.abs(simulated) >= CEILING, axis=(1, 2, 3))
+    changed = clean(simulated.reshape(len(starts), -1) - residual)
+    target = clean(residual)
+    size = np.sqrt(np.sum(changed**2, axis=1))
+    ok = ~blown & np.isfinite(size) & (size > 0)
+    unit = np.where(ok[:, None], -changed / np.where(ok, size, 1.0)[:, None], 0.0)
+    along = np.maximum(unit @ target, 0.0)
+    gain = along**2
+    out = []
+    for m in mechanisms:
+        mine = [i for i, s in enumerate(starts) if s.mechanism is m]
+        if not mine:
+            continue
+        left = nnls(unit[mine].T, target)[1] if np.any(gain[mine] > 0) else float(np.linalg.norm(target))
+        whole = max(float(target @ target) - float(left) ** 2, float(np.max(gain[mine])))
+        out.append(Promise(m, whole, tuple(starts[i] for i in mine), gain[mine]))
+    return sorted(out, key=lambda p: -p.gain)
+
+
+_LITTLE = 12.0  # promise less than which a mechanism is not worth fitting
+_BEHIND = 0.2  # of the leader's promise, less than which it is not
+_FAR_BEHIND = 0.6  # of it, less than which nothing more is fitted once a mechanism has reached the noise
+_AT_LEAST, _AT_MOST = 2, 6  # mechanisms fitted
+_COARSE = 1e-4  # the same, as a share of the sum of squares, for trials that are only to show what they are worth
+_STARTS = 8  # of one mechanism, at most
+
+
+def promising(promises: Sequence[Promise]) -> list[Promise]:
+    """Which mechanisms to fit: those not far behind the leader."""
+    worth = [p for p in promises if p.gain >= _LITTLE]
+    near = [p for p in worth if p.gain >= _BEHIND * worth[0].gain]
+    return (near if len(near) >= _AT_LEAST else worth[:_AT_LEAST])[:_AT_MOST]
+
+
+def _best_starts(promise: Promise) -> list[Start]:
+    """The best start of every law, then second ones, most promising first."""
+    order = [int(i) for i in np.argsort(-promise.each, kind="stable")]
+    laws = dict.fromkeys(promise.starts[i].law for i in order)
+    first = [next(i for i in order if promise.starts[i].law == law) for law in laws]
+    queue = first + [i for i in order if i not in first]
+    return [promise.starts[i] for i in queue[:_STARTS]]
+
+
+def fit_promising(
+    state: State,
+    split: Split,
+    promises: Sequence[Promise],
+    max_steps: int,
+    tell: Callable[[str], None],
+) -> dict[str, dict[int, State]]:
+    """By mechanism and law, the hypotheses with one mechanism more that were worth fitting."""
+    coarse = max(TOLERANCE, _COARSE * state.cost)
+    out: dict[str, dict[int, State]] = {}
+    lead, explained = 0.0, False
+    for promise in promising(promises):
+        if explained and promise.gain < _FAR_BEHIND * promises[0].gain:
+            continue
+        tell(promise.mechanism.name)
+        problem = grown(state.setup, promise.mechanism)
+        over = {s.law: s for s in starts_with(state, promise.mechanism, problem)}
+        trials = [_transfer(s, over[s.law], problem) for s in _best_starts(promise)]
+        solved, cost, _ = solve_all(trials, split.train, problem.space, max_steps=FEW, tolerance=coarse)
+        lead = max(lead, float(state.cost - np.min(cost)))
+        solved, cost = go_on(problem, split, solved, cost, np.zeros(len(cost), bool), state.cost, lead, max_steps - FEW)
+        out[promise.mechanism.name] = found = _by_law(promise.mechanism, problem, split, solved, cost, state)
+        explained = explained or any(at_noise(s, split) for s in found.values())
+    return out
+
+
+def _transfer(start: Start, like: Start, problem: Setup) -> Trial:
+    """A start over the catalogue's problem as a trial of a smaller one."""
+    value = like.value.copy()
+    m = start.mechanism
+    for k, p in enumerate(m.parameters):
+        value[problem.structure.index[f"{m.name}.{p.name}"]] = start.own[k]
+    return trial_at(problem, value, like.laws)
+
+
+def _by_law(
+    m: Mechanism, problem: Setup, split: Split, solved: Sequence[Trial], cost: np.ndarray, before: State
+) -> dict[int, State]:
+    """The closest fit of each law."""
+    which = next(i for i, other in enumerate(problem.structure.mechanisms) if other.name == m.name)
+    best: dict[int, int] = {}
+    for i in np.argsort(cost):
+        best.setdefault(int(np.asarray(solved[i].laws)[which]), int(i))
+    residuals = binned_of([solved[i] for i in best.values()], split.whole, problem.space)
+    # a trial that blew up (its residuals are cut off) explains nothing
+    residuals[np.any(np.abs(residuals) >= CEILING, axis=(1, 2, 3))] = 10.0 * np.abs(before.residual)
+    return {
+        law: State(problem, solved[i], r, float(cost[i])) for (law, i), r in zip(best.items(), residuals, strict=True)
+    }

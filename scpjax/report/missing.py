@@ -1,0 +1,129 @@
+"""What is missing before it has a name: the power, force or reading itself, and what was learned in its place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from scpjax.diagnose.result import Closure, Diagnosis, Latent
+from scpjax.report import page, plot
+from scpjax.report.numbers import number, percent
+from scpjax.report.plot import EXTENDED, FAINT, TEXT, new_figure, style
+
+_UNITS = {
+    "temperature": ("Temperature above ambient", "K", 1.0),
+    "displacement": ("Displacement", "mm", 1e3),
+    "velocity": ("Velocity", "mm/s", 1e3),
+    "drive": ("Drive", "as the model takes it", 1.0),
+    "time": ("Time", "s", 1.0),
+}
+_SCALED = {"m": ("mm", 1e3), "W": ("W", 1.0), "N": ("N", 1.0), "K": ("K", 1.0), "rad": ("deg", 180 / np.pi)}
+_MOST = 4  # recordings drawn
+
+
+def _words(latent: Latent) -> str:
+    place = latent.place.replace("_", " ")
+    return {
+        "heat": "Power missing",
+        "heat agonist": "Power missing, agonist",
+        "heat antagonist": "Power missing, antagonist",
+        "force": "Force missing",
+    }.get(place, f"Missing in the {place}")
+
+
+def figure(latent: Latent, names: Sequence[str]) -> Figure:
+    """The estimate with its 95 % band over time, recording by recording, and over what it goes with most."""
+    unit, factor = _SCALED.get(latent.unit, (latent.unit, 1.0))
+    rows = min(len(latent.time), _MOST)
+    out = new_figure(8.6, 1.35 * rows + 0.75)
+    grid = out.add_gridspec(
+        rows, 2, width_ratios=[1.75, 1], left=0.09, right=0.985, wspace=0.24, hspace=0.5,
+        top=1 - 0.27 / out.get_figheight(), bottom=0.5 / out.get_figheight(),
+    )  # fmt: skip
+    label = f"{_words(latent)}\n({unit})"
+    for i in range(rows):
+        axis = out.add_subplot(grid[i, 0])
+        t, m, s = latent.time[i], factor * latent.mean[i], factor * latent.std[i]
+        axis.fill_between(t, m - 1.96 * s, m + 1.96 * s, color=EXTENDED, alpha=0.22, lw=0)
+        axis.plot(t, m, color=EXTENDED, lw=1.2)
+        axis.axhline(0, color=TEXT, lw=0.7)
+        axis.set_title(names[i], fontsize=8.5, color=TEXT, loc="left", pad=3)
+        axis.set_xlim(t[0], t[-1])
+        axis.set_ylabel(label if i == rows // 2 else "")
+        style(axis)
+        if i == rows - 1:
+            axis.set_xlabel("Time (s)")
+    if latent.leading:
+        axis = out.add_subplot(grid[:, 1])
+        words, unit_there, k = _UNITS[latent.depends_on[0][0]]
+        for at, m, s in zip(latent.leading, latent.mean, latent.std, strict=True):
+            sure = s < 3 * np.median(s)
+            axis.errorbar(
+                k * at[sure], factor * m[sure], 1.96 * factor * s[sure],
+                fmt="o", ms=2.4, lw=0.5, color=EXTENDED, ecolor=FAINT, alpha=0.8,
+            )  # fmt: skip
+        axis.axhline(0, color=TEXT, lw=0.7)
+        axis.set_xlabel(f"{words} ({unit_there})")
+        style(axis)
+    return out
+
+
+def section(d: Diagnosis, shapes: dict[str, bytes]) -> str:
+    """The missing input of the balance that answers best for the misfit; nothing where nothing is missing."""
+    if d.verdict == "adequate" or not d.missing:
+        return ""
+    best = _shown(d)
+    names = list(dict.fromkeys(t.recording for t in d.traces))
+    shapes["missing"] = plot.png(figure(best, names))
+    follows = ", ".join(
+        f"{v.replace('_', ' ')} ({percent(share)})" for v, share in best.depends_on[:3] if share >= 0.05
+    )
+    lead = (
+        "Before any name is given: what would have to be added to each balance of the base model, or to a reading, for "
+        "it to meet the recordings, as a smooth function of time. "
+        f"Drawn is {_words(best)[0].lower() + _words(best)[1:]}"
+    )
+    lead += f"; how much of it goes with one variable alone: {follows}." if follows else "."
+    rows = [
+        (_words(m), m.subsystem, percent(m.explained), number(m.evidence, 3), f"{number(m.length_s, 2)} s")
+        for m in d.missing
+    ]
+    head = ("Where", "Balance", "Share of the misfit that it can answer for", "Evidence (nats)", "Varies over")
+    caption = (
+        "Estimate with its 95 % band over time, and against the variable that explains most of it. "
+        "A latent force model: a Gaussian process as an input of the base model."
+    )
+    return page.section(
+        "What is missing, before it is named",
+        page.text(lead),
+        page.figure(shapes["missing"], caption),
+        page.table(head, rows, (2, 3, 4)),
+    )
+
+
+def _shown(d: Diagnosis) -> Latent:
+    here = [m for m in d.missing if m.subsystem == d.location.subsystem]
+    return (here or list(d.missing))[0]
+
+
+def learned(c: Closure | None) -> str:
+    """A card with the expression learned where no name was earned."""
+    if c is None:
+        return ""
+    return "\n".join(
+        (
+            '<div class="card">',
+            f"<header><h3>Learned, not named: {escape(c.place.removeprefix('learned_').replace('_', ' '))}</h3>"
+            f'<span class="soft small">removes {percent(max(c.held_out_gain, 0.0))} of the held-out misfit · fall of '
+            f"the BIC {number(c.delta_bic, 3)}</span></header>",
+            page.text(
+                "No mechanism of the catalogue explains it. This sum of terms, fitted through the simulation, predicts "
+                "what was held out; ± is one standard error. It holds in the range of these recordings only."
+            ),
+            f'<div class="equation">{escape(c.expression)}</div>',
+            "</div>",
+        )
+    )
