@@ -18,7 +18,7 @@ from scpjax.diagnose.select import Comparison, Evidence, compare
 from scpjax.diagnose.trials import State, at_noise, fit_leading, grown, laws_of
 from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.setup import Setup, carry
-from scpjax.fit.solve import AT_ONCE, batches, binned_of, evaluate, solve_all, stack
+from scpjax.fit.solve import AT_ONCE, batches, binned_of, evaluate, make_room, solve_all, stack
 from scpjax.physics.catalogue import mechanism
 from scpjax.physics.mechanism import Mechanism
 from scpjax.physics.terms import Term
@@ -51,6 +51,7 @@ def learn(state: State, split: Split, rules: Evidence, subsystems: Sequence[str]
 
     ``subsystems``: where it may stand; anywhere when none is given.
     """
+    make_room()
     problem = _with_terms(state.setup, subsystems)
     before = current = _carried(problem, state)
     every = offers(problem)

@@ -12,7 +12,7 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.trials import FEW, TOLERANCE, Start, State, at_noise, go_on, grown, starts_with, trial_at
 from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.setup import Setup
-from scpjax.fit.solve import binned_of, evaluate, residuals_at, solve_all, stack
+from scpjax.fit.solve import binned_of, evaluate, make_room, residuals_at, solve_all, stack
 from scpjax.physics.mechanism import Mechanism
 
 
@@ -65,16 +65,16 @@ def screen(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Me
 _LITTLE = 12.0  # promise less than which a mechanism is not worth fitting
 _BEHIND = 0.2  # of the leader's promise, less than which it is not
 _FAR_BEHIND = 0.6  # of it, less than which nothing more is fitted once a mechanism has reached the noise
-_AT_LEAST, _AT_MOST = 2, 6  # mechanisms fitted
+_AT_LEAST, _AT_MOST, _LATER = 2, 5, 3  # mechanisms fitted; of them beside others already named
 _COARSE = 1e-4  # the same, as a share of the sum of squares, for trials that are only to show what they are worth
 _STARTS = 8  # of one mechanism, at most
 
 
-def promising(promises: Sequence[Promise]) -> list[Promise]:
+def promising(promises: Sequence[Promise], most: int = _AT_MOST) -> list[Promise]:
     """Which mechanisms to fit: those not far behind the leader."""
     worth = [p for p in promises if p.gain >= _LITTLE]
     near = [p for p in worth if p.gain >= _BEHIND * worth[0].gain]
-    return (near if len(near) >= _AT_LEAST else worth[:_AT_LEAST])[:_AT_MOST]
+    return (near if len(near) >= _AT_LEAST else worth[:_AT_LEAST])[:most]
 
 
 def _best_starts(promise: Promise) -> list[Start]:
@@ -97,9 +97,10 @@ def fit_promising(
     coarse = max(TOLERANCE, _COARSE * state.cost)
     out: dict[str, dict[int, State]] = {}
     lead, explained = 0.0, False
-    for promise in promising(promises):
+    for promise in promising(promises, _LATER if state.names else _AT_MOST):
         if explained and promise.gain < _FAR_BEHIND * promises[0].gain:
             continue
+        make_room()
         tell(promise.mechanism.name)
         problem = grown(state.setup, promise.mechanism)
         over = {s.law: s for s in starts_with(state, promise.mechanism, problem)}

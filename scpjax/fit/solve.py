@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -39,18 +40,19 @@ class _CostStop(optx.LevenbergMarquardt):
     in the parent, never ends there.
     """
 
+    tolerance: float | Array
     limit: Array
 
     def __init__(self, tolerance: float | Array, limit: Array):
-        super().__init__(rtol=1e-6, atol=tolerance)  # pyright: ignore[reportArgumentType]  # traced, so as not to compile again
-        self.limit = limit
+        super().__init__(rtol=1e-6, atol=1e-3)
+        self.tolerance, self.limit = tolerance, limit
 
     def step(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> Any:
         y, new, aux = super().step(fn, y, args, options, state, tags)
         before = 0.5 * jnp.sum(state.f_info.residual**2)
         after = 0.5 * jnp.sum(new.f_info.residual**2)
         accepted = (new.num_accepted_steps > state.num_accepted_steps) & ~state.first_step
-        still = accepted & (jnp.abs(before - after) < self.atol + self.rtol * after)
+        still = accepted & (jnp.abs(before - after) < self.tolerance + self.rtol * after)
         stuck = new.num_steps_since_acceptance > 12
         return (
             y,
@@ -230,6 +232,16 @@ def binned_of(trials: Sequence[Trial], data: Data, space: Space) -> np.ndarray:
 def batches(trials: Sequence[Trial]) -> list[list[Trial]]:
     """Batches of `AT_ONCE`, the last one shorter."""
     return [list(trials[i : i + AT_ONCE]) for i in range(0, len(trials), AT_ONCE)]
+
+
+_MAPPED = 30_000  # pieces of memory; Linux gives a process 65,530, and every compiled program takes about a thousand
+
+
+def make_room() -> None:
+    """Drop all compiled programs where the process holds so many that it might not get memory for more."""
+    maps = Path("/proc/self/maps")
+    if maps.exists() and maps.read_bytes().count(b"\n") > _MAPPED:
+        jax.clear_caches()
 
 
 _FORWARD = 16  # simulations abreast
