@@ -17,6 +17,9 @@ from scpjax.physics.mechanism import Mechanism
 
 Progress = Callable[[str, float], None]
 
+_FORM = 0.015  # of the misfit, which a law of another form may leave more than the best and be its equal
+_EQUIVALENTS = 3  # told of a mechanism, at most
+
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
@@ -25,12 +28,14 @@ class Evidence:
     ``bic``: gain in BIC, with an effective sample size, over what was named before; ``share``: of the misfit in excess
     of the noise, in some column, that a mechanism must remove (pure BIC adds a second effect to make up for a slightly
     wrong law of the first); ``held_out``: gain in the held-out misfit, in units of what the noise makes it;
-    ``most``: mechanisms at most.
+    ``worth``: of the base model's misfit in some column, what each must remove, as the law of another is never quite
+    right; ``most``: mechanisms at most.
     """
 
     bic: float = 12.0
     share: float = 0.2
     held_out: float = 6.0
+    worth: float = 0.015
     most: int = 3
 
 
@@ -136,17 +141,35 @@ class Choice:
     equivalents: dict[str, tuple[str, ...]]
 
 
-def equals(best: Comparison, others: Sequence[Comparison], split: Split) -> tuple[str, ...]:
-    """Mechanisms that these recordings cannot tell from the best: about as likely, and predicting the same."""
-    out = []
+def excess(state: State, split: Split) -> np.ndarray:
+    """Mean square beyond what the noise makes, by column; 0 where there is none."""
+    there = split.is_train | split.is_held
+    columns = range(there.shape[2])
+    return np.array([max(np.mean(state.residual[..., j][there[..., j]] ** 2) - 1.0, 0.0) if there[..., j].any() else 0.0
+                     for j in columns])  # fmt: skip
+
+
+def worthwhile(before: State, after: State, base: State, split: Split, share: float) -> bool:
+    """Whether enough of the base model's misfit goes, in some column, to speak of another effect."""
+    gone, whole = excess(before, split) - excess(after, split), excess(base, split)
+    return bool(np.any(gone > share * whole))
+
+
+def equals(best: Comparison, others: Sequence[Comparison], before: State, split: Split) -> tuple[str, ...]:
+    """Mechanisms that these recordings cannot tell from the best: they predict the same, within half the noise.
+
+    And are about as likely, or explain as much to within what the form of a law decides.
+    """
+    found = []
     there = split.is_train | split.is_held
     for c in others:
         if c.added == best.added or not c.accepted:
             continue
-        apart = np.sqrt(np.mean((c.state.residual - best.state.residual)[there] ** 2))
-        if best.delta_bic - c.delta_bic < 10.0 and apart < 0.5:
-            out.append(c.added)
-    return tuple(out)
+        apart = float(np.sqrt(np.mean((c.state.residual - best.state.residual)[there] ** 2)))
+        as_much = not worthwhile(c.state, best.state, before, split, _FORM)
+        if apart < 0.5 and (best.delta_bic - c.delta_bic < 10.0 or as_much):
+            found.append((apart, c.added))
+    return tuple(name for _, name in sorted(found)[:_EQUIVALENTS])
 
 
 def choose(
@@ -173,11 +196,11 @@ def choose(
         tried = try_all(state, split, rules, catalogue, max_steps=max_steps, tell=tell)
         p = probabilities(tried)
         ranking += [Ranked(c.added, c.delta_bic, c.held_out_gain, p[c.added], c.law, round_) for c in tried]
-        accepted = [c for c in tried if c.accepted]
+        accepted = [c for c in tried if c.accepted and worthwhile(state, c.state, base, split, rules.worth)]
         if not accepted:
             break
         best = accepted[0]
-        equivalents[best.added] = equals(best, accepted, split)
+        equivalents[best.added] = equals(best, accepted, state, split)
         chance[best.added] = p[best.added] + sum(p[e] for e in equivalents[best.added])
         state = afresh(best.state, split)
         state = _other_laws(state, best.added, split, rules)

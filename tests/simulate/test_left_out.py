@@ -65,6 +65,8 @@ def bent_force(law):
             return PULL * z[0] * (1 + 0.6 * r)
         if law == 1:
             return PULL * z[0] / np.sqrt(1 + 0.6 * r * r)
+        if law == 3:
+            return PULL * z[0] * np.hypot(r, 0.02) ** 0.6
         beyond = (r + HOOK(r - 0.5, 0.1) - HOOK(0.5, 0.1)) / 2
         return PULL * (z[0] + 0.6 * 20 * beyond)
 
@@ -119,7 +121,7 @@ EQUATIONS = {
     "supply_sag": (sagging, 3),
     "drive_dead_zone": (dead_zone, 2),
     "ambient_drift": (drifting_room, 3),
-    "nonlinear_thermal_force": (bent_force, 3),
+    "nonlinear_thermal_force": (bent_force, 4),
     "thermal_softening": (softening, 2),
     "slack": (slack, 2),
     "fatigue": (tiring, 3),

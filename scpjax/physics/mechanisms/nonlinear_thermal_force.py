@@ -10,6 +10,8 @@ from scpjax.physics.smooth import ramp
 
 WIDTH = 0.1  # of the reference excess: how gradually the coefficient changes at the glass transition
 
+ROUND = 0.02  # of the reference excess, over which the power law is rounded where its slope is not finite
+
 
 class NonlinearThermalForce(Mechanism):
     name = "nonlinear_thermal_force"
@@ -17,7 +19,8 @@ class NonlinearThermalForce(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "law quadratic: F = C T (1 + a T/T_ref);  law saturating: F = C T / sqrt(1 + a (T/T_ref)^2);  "
-        "law threshold: F = C (T + a ramp(T - T_g)), the ramp's corner rounded over T_ref/10"
+        "law threshold: F = C (T + a ramp(T - T_g)), the ramp's corner rounded over T_ref/10;  "
+        "law power: F = C T |T/T_ref|^a, rounded within T_ref/50 of ambient"
     )
     source = (
         "expansion of drawn nylon grows with temperature, with a change at the glass transition: "
@@ -26,7 +29,7 @@ class NonlinearThermalForce(Mechanism):
     says = "Each further degree pulls harder (or less hard) than the one before."
     needs = ("mechanical",)
     excited_by = "steady states at several voltages"
-    laws = ("quadratic", "saturating", "threshold")
+    laws = ("quadratic", "saturating", "threshold", "power")
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {"transition": (2,)}
     parameters = (
         Parameter(
@@ -34,7 +37,7 @@ class NonlinearThermalForce(Mechanism):
             symbol="a",
             unit="1",
             description="relative change of the coefficient: at the reference excess (quadratic), of its inverse "
-            "square there (saturating), beyond the transition (threshold)",
+            "square there (saturating), beyond the transition (threshold); one less than the exponent (power)",
             typical=0.0,
             bounds=(-0.95, 10.0),
             null=0.0,
@@ -69,5 +72,6 @@ class NonlinearThermalForce(Mechanism):
         quadratic = p.growth * t * t
         saturating = t / jnp.sqrt(jnp.maximum(1.0 + p.growth * t * t, 0.05)) - t
         threshold = p.growth * ramp(t, p.transition, jnp.asarray(WIDTH, t.dtype))
-        more = jnp.where(p.law == 0, quadratic, jnp.where(p.law == 1, saturating, threshold))
+        power = t * ((t * t + ROUND**2) ** (0.5 * p.growth) - 1.0)
+        more = jnp.select([p.law == 0, p.law == 1, p.law == 2], [quadratic, saturating, threshold], power)
         return view.shared["coefficient"] * p.reference * more

@@ -1,0 +1,167 @@
+"""Effects outside the catalogue: what is missing is found where it is, and learned as an expression, without a name."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import scipy.integrate
+from diagnose.rig import AMBIENT, BASE
+
+from scpjax.diagnose.answer import answer
+from scpjax.diagnose.closure import learn, offers
+from scpjax.diagnose.holdout import Split, split
+from scpjax.diagnose.latent import missing
+from scpjax.diagnose.locate import observe
+from scpjax.diagnose.outside import able, beyond_names, level
+from scpjax.diagnose.rivals import added
+from scpjax.diagnose.select import Choice, Evidence
+from scpjax.diagnose.trials import State, residual_on
+from scpjax.fit.fit import best_start, refine
+from scpjax.fit.setup import prepare
+from scpjax.recordings import excitation
+from scpjax.recordings.recording import Metadata, Recording
+
+NOISE = {"temperature_degC": 0.1, "displacement_mm": 0.03}
+LOSS, MASS = BASE["newton_cooling.conductance"], BASE["newton_cooling.thermal_mass"]
+TIME, DRIVE = excitation.multilevel_random(duration_s=120, period_s=0.1, hold_s=6, low=0, high=4, seed=3)
+DRAUGHT = np.where((TIME > 30) & (TIME < 75), -0.25 * np.sin((TIME - 30) / 45 * np.pi) ** 2, 0.0)  # [W]
+
+
+def rubbed_by_air(_t: float, temperature: float, moved: float) -> float:
+    """A loss [W] that grows with the square of the displacement: in no catalogue."""
+    return 0.9 * LOSS * temperature * (moved / 5e-3) ** 2
+
+
+def nothing(_t: float, _temperature: float, _moved: float) -> float:
+    return 0.0
+
+
+def recorded(heat, rattle: float = 0.0, seed: int = 0) -> Recording:
+    """Made by scipy: a plant with one more heat flow out of the wire [W], from rest."""
+    k, b, m = (BASE[n] for n in ("elastic_spring.stiffness", "viscous_damping.damping", "inertia.mass"))
+    z, path = np.zeros(3), [np.zeros(3)]
+    for i, gap in enumerate(np.diff(TIME)):
+
+        def rates(t, z, i=i):
+            power = DRIVE[i] ** 2 * BASE["joule_heating.gain"] - LOSS * z[0] - heat(t, z[0], z[1])
+            return [power / MASS, z[2], (BASE["thermal_actuation.coefficient"] * z[0] - k * z[1] - b * z[2]) / m]
+
+        z = scipy.integrate.solve_ivp(rates, (TIME[i], TIME[i] + gap), z, rtol=1e-8, atol=1e-10).y[:, -1]
+        path.append(z)
+    states, rng = np.array(path), np.random.default_rng(seed)
+    clean = {"temperature_degC": states[:, 0] + AMBIENT - 273.15, "displacement_mm": 1e3 * states[:, 1] + rattle}
+    outputs = {c: clean[c] + s * rng.standard_normal(len(TIME)) for c, s in NOISE.items()}
+    meta = Metadata(
+        name="made", known=(("resistance_ohm", 1.2), ("moving_mass_kg", 0.25)), ambient_K=AMBIENT, model="plant"
+    )
+    return Recording.from_arrays(TIME, {"voltage_V": DRIVE}, outputs, metadata=meta)
+
+
+def base_of(recording: Recording) -> tuple[State, Split]:
+    setup = prepare([recording])
+    parts = split(setup.data)
+    trial, _, _ = best_start(setup, parts.train)
+    trial, _, cost = refine(setup, parts.train, trial)
+    return State(setup, trial, residual_on(trial, parts.whole, setup), float(cost)), parts
+
+
+@cache
+def rubbed() -> tuple[State, Split]:
+    return base_of(recorded(rubbed_by_air))
+
+
+def lacking_in(base: State, parts: Split):
+    binned = observe(base.setup, parts.whole, base.trial, base.residual)
+    return binned, missing(base.setup, parts.whole, base.trial, binned)
+
+
+def test_a_draught_is_found_in_the_heat_balance_when_it_blew():
+    """A loss that depends on nothing but when: its power is recovered within its band, in watts."""
+    base, parts = base_of(recorded(lambda t, _T, _x: -float(np.interp(t, TIME, DRAUGHT))))
+    _, found = lacking_in(base, parts)
+    best = found[0]
+    assert (best.subsystem, best.place, best.unit) == ("thermoelectric", "heat", "W")
+    assert best.explained > 0.9
+    assert best.evidence > found[1].evidence + 10
+    (t,), (mean,), (std,) = best.time, best.mean, best.std
+    truth = np.interp(t, TIME, DRAUGHT)
+    # a constant, and what is in proportion to temperature or drive, the base model's own parameters take up
+    known = [np.ones_like(t), np.interp(t, TIME, DRIVE**2), np.interp(t, TIME, recorded_temperature())]
+    taken = np.stack(known, axis=1)
+    off = mean - truth
+    off = off - taken @ np.linalg.lstsq(taken, off, rcond=None)[0]
+    assert np.sqrt(np.mean(off**2)) < 0.25 * np.sqrt(np.mean(truth**2))
+    assert np.all(std > 0)
+
+
+@cache
+def recorded_temperature() -> np.ndarray:
+    return recorded(nothing).output("temperature") - AMBIENT
+
+
+def test_nothing_is_missing_where_nothing_is():
+    base, parts = base_of(recorded(nothing, seed=1))
+    _, found = lacking_in(base, parts)
+    assert max(m.evidence for m in found) < 6
+    assert learn(base, parts, Evidence()) is None
+
+
+def test_closure_is_learned_in_its_balance_and_is_the_loss_that_was_concealed():
+    base, parts = rubbed()
+    assert level(base, parts) > 2
+    _, lacking = lacking_in(base, parts)
+    assert "thermoelectric" in able(lacking)
+    learned = learn(base, parts, Evidence(), ["thermoelectric"])
+    assert learned is not None
+    assert level(learned.state, parts) < 1.15
+    assert all(k.startswith("learned_heat.") for k in learned.terms)
+    # as a function: where the actuator has been it is the concealed loss, but for what a conductance can take up
+    problem = learned.state.setup
+    value = dict(
+        zip((f"{s.mechanism}.{s.parameter.name}" for s in problem.structure.slots), learned.state.values, strict=False)
+    )
+    states = np.asarray(recorded(rubbed_by_air).outputs)
+    warm, moved = states[:, 0] - AMBIENT, states[:, 1]
+    terms = {o.key: o.term for o in offers(problem)}
+    heat = np.zeros(len(warm))
+    for key in learned.terms:
+        term = terms[key]
+        shape = (warm / value["learned_heat.reference_temperature"]) ** term.temperature
+        shape = shape * (moved / value["learned_heat.reference"]) ** term.displacement
+        assert term.velocity == term.effort == 0
+        heat += value[key] * shape
+    heat *= value["newton_cooling.conductance"] * value["learned_heat.reference_temperature"]
+    heat += (value["newton_cooling.conductance"] - LOSS) * warm
+    truth = rubbed_by_air(0.0, warm, moved)
+    assert np.sqrt(np.mean((heat - truth) ** 2)) < 0.1 * np.sqrt(np.mean(truth**2))
+
+
+def test_names_that_explain_less_than_a_closure_are_not_given():
+    """A name forced upon it is dropped for a closure that explains nearly all; the answer says so, with units."""
+    base, parts = rubbed()
+    binned, lacking = lacking_in(base, parts)
+    forced = Choice(added(base, "sensor_lag", parts), (), {"sensor_lag": 0.9}, {"sensor_lag": ()})
+    assert forced.state.names == ("sensor_lag",)
+    choice, learned = beyond_names(parts, base, forced, Evidence(), ["thermoelectric"])
+    assert choice.state.names == ()
+    assert learned is not None
+    said = answer(parts, base, choice, learned, binned, lacking, notes=(), seconds=0.0, settings={})
+    assert said.verdict == "unexplained"
+    assert said.mechanisms == ()
+    assert said.closure is not None
+    assert said.closure.subsystem == said.location.subsystem == "thermoelectric"
+    assert said.closure.expression.startswith("heat lost = ")
+    assert "W/(" in said.closure.expression
+    assert said.closure.held_out_gain > 0.5
+    assert said.closure.expression in said.says
+    assert said.to_json()["closure"]["depends_on"] == list(said.closure.depends_on)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.04])
+def test_names_that_leave_little_are_left_alone(share):
+    base, parts = rubbed()
+    named = replace(base, residual=base.residual * np.sqrt(share))
+    choice, learned = beyond_names(parts, base, Choice(named, (), {}, {}), Evidence(), ["thermoelectric"])
+    assert choice.state is named
+    assert learned is None
