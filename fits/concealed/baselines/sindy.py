@@ -114,7 +114,7 @@ class Learner:
 
     def fit(self, degree: int, threshold: float, window: int, second: bool, *, everything: bool = False) -> Found:
         """One sparse regression by PySINDy."""
-        import pysindy
+        import pysindy  # pyright: ignore[reportMissingImports]  # extra [baselines]
 
         z, rates, u = [], [], []
         for s in self.series:
