@@ -18,6 +18,7 @@ from scpjax.physics.mechanism import Mechanism
 Progress = Callable[[str, float], None]
 
 _FORM = 0.015  # of the misfit, which a law of another form may leave more than the best and be its equal
+_PLAIN = 100.0  # mean square, in units of the noise's, that is no matter of a law's form
 _EQUIVALENTS = 3  # told of a mechanism, at most
 
 
@@ -150,9 +151,12 @@ def excess(state: State, split: Split) -> np.ndarray:
 
 
 def worthwhile(before: State, after: State, base: State, split: Split, share: float) -> bool:
-    """Whether enough of the base model's misfit goes, in some column, to speak of another effect."""
-    gone, whole = excess(before, split) - excess(after, split), excess(base, split)
-    return bool(np.any(gone > share * whole))
+    """Whether enough of the base model's misfit goes, in some column, to speak of another effect.
+
+    What stands out of the noise tenfold is spoken of however little of the whole it is.
+    """
+    left, whole = excess(before, split), excess(base, split)
+    return bool(np.any((left - excess(after, split) > share * whole) | (left > _PLAIN)))
 
 
 def equals(best: Comparison, others: Sequence[Comparison], before: State, split: Split) -> tuple[str, ...]:
@@ -166,7 +170,8 @@ def equals(best: Comparison, others: Sequence[Comparison], before: State, split:
         if c.added == best.added or not c.accepted:
             continue
         apart = float(np.sqrt(np.mean((c.state.residual - best.state.residual)[there] ** 2)))
-        as_much = not worthwhile(c.state, best.state, before, split, _FORM)
+        more = excess(c.state, split) - excess(best.state, split)
+        as_much = not np.any(more > _FORM * excess(before, split))
         if apart < 0.5 and (best.delta_bic - c.delta_bic < 10.0 or as_much):
             found.append((apart, c.added))
     return tuple(name for _, name in sorted(found)[:_EQUIVALENTS])
