@@ -115,20 +115,21 @@ def learned(d: Diagnosis) -> str:
     if c is None:
         return ""
     corrects = d.verdict == "explained"
+    place = escape(c.place.removeprefix("learned_").replace("_", " "))
     why = (
-        "The mechanisms named explain nearly all of the misfit; this sum of terms corrects the form of their laws. It was"
+        "The mechanisms named explain nearly all of the misfit; this sum of terms corrects the form of their laws."
         if corrects
-        else "No mechanism of the catalogue explains it. This sum of terms was"
+        else "No mechanism of the catalogue explains it, but this sum of terms does better than none."
     )
     return "\n".join(
         (
             '<div class="card">',
-            f"<header><h3>{'Correction' if corrects else 'Learned, not named'}: {escape(c.place.removeprefix('learned_').replace('_', ' '))}</h3>"
+            f"<header><h3>{'Correction' if corrects else 'Learned, not named'}: {place}</h3>"
             f'<span class="soft small">removes {percent(max(c.held_out_gain, 0.0))} of the held-out misfit · fall of '
             f"the BIC {number(c.delta_bic, 3)}</span></header>",
             page.text(
-                f"{why} fitted through the simulation and judged on what was held out; ± is one standard error. It "
-                "holds in the range of these recordings only."
+                f"{why} It was fitted through the simulation and judged on what was held out; ± is one standard error. "
+                "It holds in the range of these recordings only."
             ),
             f'<div class="equation">{escape(c.expression)}</div>',
             "</div>",
