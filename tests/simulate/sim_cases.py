@@ -43,7 +43,7 @@ ACTIVE = {
         "reference_temperature": 20.0,
         "reference_time": 6.0,
     },
-    "sensor_lag": {"time_constant": 0.3},
+    "sensor_lag": {"time_constant": 0.3, "share": 0.6},
     "slack": {"gap": 0.2, "reference": 0.0025},
     "supply_sag": {"sag": 0.4, "time_constant": 2.0, "reference": 10.0, "reference_time": 6.0},
     "thermal_softening": {"softening": 0.4, "transition": 0.5, "width": 0.2, "reference": 20.0},

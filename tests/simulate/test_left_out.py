@@ -126,7 +126,7 @@ EQUATIONS = {
     "slack": (slack, 2),
     "fatigue": (tiring, 3),
     "antagonist_load": (pulled_back, 3),
-    "sensor_drift": (drifting_sensor, 4),
+    "sensor_drift": (drifting_sensor, 6),
 }
 
 
@@ -149,8 +149,9 @@ def test_mechanism_is_its_equation(case):
     if name == "slack" and law == 0:
         moved -= (HOOK(moved + 5e-4, 5e-5) - HOOK(moved - 5e-4, 5e-5)) / 2
     if name == "sensor_drift":
-        shape = recording.time / 6 if law < 2 else 1 - np.exp(-recording.time / 2)
-        moved, warm = (moved + 0.5 * 0.0025 * shape, warm) if law % 2 == 0 else (moved, warm + 0.5 * 20 * shape)
+        shape = 1 - np.exp(-recording.time / 2) if law in (2, 3) else recording.time / 6
+        far, hot = (moved, wanted[:, 0]) if law > 3 else (0.0025, 20)
+        moved, warm = (moved + 0.5 * far * shape, warm) if law % 2 == 0 else (moved, warm + 0.5 * hot * shape)
     np.testing.assert_allclose(found.outputs[:, 0], warm, rtol=1e-6)
     assert worst(found.outputs[:, 1], moved) < near_outputs
 

@@ -1,4 +1,4 @@
-"""A sensor whose zero wanders while it records."""
+"""A sensor whose zero or sensitivity wanders while it records."""
 
 from typing import ClassVar
 
@@ -14,18 +14,27 @@ class SensorDrift(Mechanism):
     subsystem = "sensor"
     equation = (
         "y = value + d y_ref s(t), of the displacement or of the temperature;  s = t/t_ref, "
-        "or 1 - exp(-t/tau) under the laws that settle"
+        "or 1 - exp(-t/tau) under the laws that settle;  laws of a gain: y = value (1 + d t/t_ref)"
     )
-    source = "zero drift and warm-up drift: Doebelin, Measurement Systems, ch. 3"
-    says = "The sensor's zero moves with time, whatever the actuator does."
+    source = "zero drift, sensitivity drift and warm-up drift: Doebelin, Measurement Systems, ch. 3"
+    says = "The sensor's zero or its sensitivity moves with time, whatever the actuator does."
     excited_by = "rests, early and late in a recording"
     timed = True
-    laws = ("displacement", "temperature", "displacement settling", "temperature settling")
+    laws = (
+        "displacement",
+        "temperature",
+        "displacement settling",
+        "temperature settling",
+        "displacement gain",
+        "temperature gain",
+    )
     law_needs: ClassVar[dict[int, tuple[str, ...]]] = {
         0: ("displacement_output",),
         1: ("temperature_output",),
         2: ("displacement_output",),
         3: ("temperature_output",),
+        4: ("displacement_output",),
+        5: ("temperature_output",),
     }
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {"time_constant": (2, 3)}
     parameters = (
@@ -33,8 +42,8 @@ class SensorDrift(Mechanism):
             name="drift",
             symbol="d",
             unit="1",
-            description="drift of the reading, as a share of the reference displacement or excess: in the reference "
-            "time, or in the end",
+            description="drift of the reading, as a share of the reference displacement or excess (of the reading "
+            "under the laws of a gain): in the reference time, or in the end",
             typical=0.0,
             bounds=(-2.0, 2.0),
             null=0.0,
@@ -86,9 +95,9 @@ class SensorDrift(Mechanism):
     starts = ((0.05, 0.2, 0.0, 0.0, 0.0), (-0.05, 0.2, 0.0, 0.0, 0.0))
 
     def reading(self, p: Values, view: View, quantity: Quantity, value: Side) -> Side:
-        settles = p.law >= 2
+        settles = (p.law == 2) | (p.law == 3)
         shape = jnp.where(settles, -jnp.expm1(-view.time / p.time_constant), view.time / p.reference_time)
-        of_temperature = (p.law == 1) | (p.law == 3)
+        of_temperature = (p.law == 1) | (p.law == 3) | (p.law == 5)
         mine = of_temperature if quantity == "temperature" else ~of_temperature
         scale = p.reference_temperature if quantity == "temperature" else p.reference
-        return value + jnp.where(mine, p.drift, 0.0) * scale * shape
+        return value + jnp.where(mine, p.drift, 0.0) * jnp.where(p.law >= 4, value, scale) * shape
