@@ -62,6 +62,47 @@ def screen(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Me
     return sorted(out, key=lambda p: -p.gain)
 
 
+@dataclass(frozen=True)
+class Fresh:
+    """What promises most beside the base parameters that the data first suggested, and where its fit may begin."""
+
+    mechanism: Mechanism
+    state: State  # the hypothesis with those parameters, not fitted
+
+
+def fresh(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Mechanism]) -> Fresh | None:
+    """The mechanism that, at one of its starts, most improves on the base parameters first suggested.
+
+    Fitted without it, the base may have been bent so far (a damping that hardly lets the load move, in place of dry
+    friction) that the mechanism promises nothing there. None where nothing improves by a share worth it.
+    """
+    setup = state.setup
+    slots = setup.structure.slots
+    value = setup.starts[0].copy()
+    for slot in slots:
+        if slot.mechanism not in setup.structure.base:
+            value[slot.index] = state.values[slot.index]
+    at = State(setup, trial_at(setup, value, np.asarray(state.trial.laws)), state.residual, state.cost)
+    here = evaluate(stack([at.trial]), split.train, setup.space)
+    n = split.train.target.size
+    residual, jacobian = np.asarray(here.residual[0])[:n], np.asarray(here.jacobian[0])[:n]
+    if not np.all(np.isfinite(jacobian)) or np.any(np.abs(residual) >= CEILING):
+        return None
+    imitated, _ = np.linalg.qr(jacobian[:, np.any(jacobian != 0, axis=0)])
+    left = lambda x: np.sum((x - (x @ imitated) @ imitated.T) ** 2, axis=-1)  # noqa: E731
+    starts = [s for m in mechanisms for s in starts_with(at, m, catalogue)]
+    simulated = residuals_at(
+        np.stack([s.value for s in starts]), np.stack([s.laws for s in starts]), split.train, catalogue.space
+    ).reshape(len(starts), -1)
+    blown = np.any(np.abs(simulated) >= CEILING, axis=1)
+    after = np.where(blown, np.inf, left(simulated))
+    best = int(np.argmin(after))
+    if after[best] > (1 - _WORTH) * left(residual):
+        return None
+    return Fresh(starts[best].mechanism, at)
+
+
+_WORTH = 0.1  # share of the misfit, beside what the base can imitate, that a fresh start must take away
 _LITTLE = 12.0  # promise less than which a mechanism is not worth fitting
 _BEHIND = 0.2  # of the leader's promise, less than which it is not
 _FAR_BEHIND = 0.6  # of it, less than which nothing more is fitted once a mechanism has reached the noise
@@ -90,14 +131,17 @@ def fit_promising(
     state: State,
     split: Split,
     promises: Sequence[Promise],
+    begun: Fresh | None,
     max_steps: int,
     tell: Callable[[str], None],
 ) -> dict[str, dict[int, State]]:
-    """By mechanism and law, the hypotheses with one mechanism more that were worth fitting."""
+    """By mechanism and law, the hypotheses with one mechanism more that were worth fitting; `fresh` ones among them."""
     coarse = max(TOLERANCE, _COARSE * state.cost)
     out: dict[str, dict[int, State]] = {}
     lead, explained = 0.0, False
-    for promise in promising(promises, _LATER if state.names else _AT_MOST):
+    worth = promising(promises, _LATER if state.names else _AT_MOST)
+    worth += [p for p in promises if begun and p.mechanism.name == begun.mechanism.name and p not in worth]
+    for promise in worth:
         if explained and promise.gain < _FAR_BEHIND * promises[0].gain:
             continue
         make_room()
@@ -105,6 +149,8 @@ def fit_promising(
         problem = grown(state.setup, promise.mechanism)
         over = {s.law: s for s in starts_with(state, promise.mechanism, problem)}
         trials = [_transfer(s, over[s.law], problem) for s in _best_starts(promise)]
+        if begun and promise.mechanism.name == begun.mechanism.name:
+            trials += [trial_at(problem, s.value, s.laws) for s in starts_with(begun.state, begun.mechanism, problem)]
         solved, cost, _ = solve_all(trials, split.train, problem.space, max_steps=FEW, tolerance=coarse)
         lead = max(lead, float(state.cost - np.min(cost)))
         solved, cost = go_on(problem, split, solved, cost, np.zeros(len(cost), bool), state.cost, lead, max_steps - FEW)

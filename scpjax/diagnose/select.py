@@ -9,7 +9,7 @@ import numpy as np
 
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
-from scpjax.diagnose.screen import fit_promising, screen
+from scpjax.diagnose.screen import fit_promising, fresh, screen
 from scpjax.diagnose.trials import State, afresh, at_noise, at_rest, misfit, start_value, trial_at, without
 from scpjax.fit.colour import Whitener
 from scpjax.fit.setup import Setup, laws_that_can_act
@@ -89,7 +89,7 @@ def try_all(
     """
     candidates = [m for m in catalogue.structure.mechanisms if not m.is_base and m.name not in state.names]
     promises = screen(state, split, catalogue, candidates)
-    fitted = fit_promising(state, split, promises, max_steps, tell)
+    fitted = fit_promising(state, split, promises, fresh(state, split, catalogue, candidates), max_steps, tell)
     out = []
     for promise in promises:
         m = promise.mechanism
