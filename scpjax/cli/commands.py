@@ -48,6 +48,14 @@ def _roles(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--response", metavar="COL", help="columns that respond, comma separated")
 
 
+def _model(parser: argparse.ArgumentParser, own: bool = False) -> None:
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--model", choices=MODELS, help="default: as the files say, or by their columns")
+    if own:
+        words = "a base model of your own, no heated actuator: with what it may leave out beside it"
+        which.add_argument("--base", metavar="FILE.py", help=words)
+
+
 def _simulate(places: Any) -> None:
     parser = _command(
         places,
@@ -77,7 +85,7 @@ def _fit(places: Any) -> None:
     )
     parser.add_argument("files", metavar="FILE", nargs="+", help="recordings (CSV) of one actuator")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write")
-    parser.add_argument("--model", choices=MODELS, help="default: as the files say, or by their columns")
+    _model(parser, own=True)
     parser.add_argument(
         "--fixed",
         metavar="KEY=VALUE",
@@ -99,7 +107,7 @@ def _diagnose(places: Any) -> None:
     )
     parser.add_argument("files", metavar="FILE", nargs="*", help="recordings (CSV) of one actuator")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write")
-    parser.add_argument("--model", choices=MODELS, help="default: as the files say, or by their columns")
+    _model(parser, own=True)
     parser.add_argument(
         "--then",
         metavar="FILE",
@@ -161,7 +169,7 @@ def _fleet(places: Any) -> None:
     )
     parser.add_argument("where", metavar="DIR_OR_GLOB", help="folder of actuators, or a quoted pattern")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write")
-    parser.add_argument("--model", choices=MODELS, help="default: as the files say, or by their columns")
+    _model(parser)
     _roles(parser)
 
 

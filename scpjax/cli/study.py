@@ -27,6 +27,7 @@ def run_fit(arguments: Namespace) -> None:
     recordings = read_files(arguments.files, drive=arguments.drive, response=arguments.response)
     recordings = [with_known(r, known) for r in recordings]
     start()
+    model = arguments.model if arguments.base is None else base_name(arguments.base)
     from scpjax.fit.fit import FitOptions, fit
     from scpjax.report.report import command_line, write_fit
 
@@ -34,7 +35,7 @@ def run_fit(arguments: Namespace) -> None:
         if show:
             show("fitting", 0.1)
         options = FitOptions(robust=3.0 if arguments.robust else 0.0)
-        found = fit(recordings, model=arguments.model, fixed=keys, options=options)
+        found = fit(recordings, model=model, fixed=keys, options=options)
         if show:
             show("writing the report", 0.9)
         with staged(out) as folder:
@@ -51,6 +52,13 @@ def run_fit(arguments: Namespace) -> None:
     say(arguments, f"report: {out / 'report.html'}")
 
 
+def base_name(file: str) -> str:
+    """The base model of a user's file, by name; it and the mechanisms beside it are in the catalogue from now on."""
+    from scpjax.simulate.trial import use_base
+
+    return use_base(file).name
+
+
 def run_diagnose(arguments: Namespace) -> None:
     """Diagnose one actuator."""
     out = check_folder(arguments.out)
@@ -61,12 +69,13 @@ def run_diagnose(arguments: Namespace) -> None:
     recordings = read_files(read.files, drive=read.drive, response=read.response)
     limits = limits_of(arguments, recordings)
     start()
+    model = read.model if read.base is None else base_name(read.base)
     if read.mechanisms:
         from scpjax.simulate.trial import use
 
         for file in read.mechanisms:
             use(file)
-    diagnose_into(arguments, recordings, out, model=read.model, limits=limits, before=before, read=read)
+    diagnose_into(arguments, recordings, out, model=model, limits=limits, before=before, read=read)
 
 
 def diagnose_into(

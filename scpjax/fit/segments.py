@@ -22,7 +22,7 @@ def cut_long(recordings: Sequence[Recording], s: Structure) -> tuple[tuple[Recor
     at its end, where a band-limited hold cannot know what follows, have no weight either. Of very long recordings
     evenly spread segments are taken. Slow (thermal) and short recordings stay whole.
     """
-    if s.thermal or max(r.n for r in recordings) <= _LONG or not all(r.is_uniform for r in recordings):
+    if s.thermal or s.system or max(r.n for r in recordings) <= _LONG or not all(r.is_uniform for r in recordings):
         return tuple(recordings), ()
     out, used = [], 0
     for r in recordings:

@@ -16,9 +16,10 @@ from scpjax.fit.noise import noise_of
 from scpjax.fit.problem import Locals, Space, Trial
 from scpjax.fit.segments import cut_long
 from scpjax.fit.space import measured, null_values, space_of, starts_of
-from scpjax.physics.catalogue import applicable
+from scpjax.physics.catalogue import applicable, systems
 from scpjax.physics.mechanism import Mechanism
 from scpjax.physics.presets import structure as preset
+from scpjax.physics.presets import system_structure
 from scpjax.physics.structure import DriveKind, Structure
 from scpjax.recordings.recording import Recording, check_informative
 from scpjax.simulate.drive import drive_kind, drive_values, effort
@@ -103,7 +104,7 @@ def restructured(setup: Setup, structure: Structure) -> Setup:
 
 
 def choose_model(recordings: Sequence[Recording], model: str | None = None) -> str:
-    """The preset for these recordings: as told, as their files say, or as their columns suggest.
+    """The preset (or base of the user's own) for these recordings: as told, as files say, or as columns suggest.
 
     **Raises** `FitError` when the recordings do not agree.
     """
@@ -129,6 +130,8 @@ def structure_for(recordings: Sequence[Recording], model: str | None, extra: Seq
     **Raises** `FitError` when the recordings are driven by different columns or a joint lacks its pulley.
     """
     name = choose_model(recordings, model)
+    if name in systems():
+        return system_structure(systems()[name]).with_mechanisms(*extra)
     kinds: set[DriveKind] = {drive_kind(c.stem, name) for r in recordings for c in r.input_channels}
     if len(kinds) != 1:
         raise FitError(f"drives of different kinds: {sorted(kinds)}", mend="fit recordings with one kind of drive")
@@ -161,7 +164,7 @@ def prepare(
 ) -> Setup:
     """Everything a fit or a diagnosis of one actuator needs.
 
-    ``fixed`` holds physical values by parameter key; ``prior_strength`` divides the spread of the base priors;
+    ``model`` may be the name of a base of the user's own; ``fixed`` holds physical values by parameter key; ``prior_strength`` divides the spread of the base priors;
     ``release`` says that the weight may be moving when a recording begins.
 
     **Raises** `FitError` or `RecordingError` for recordings that cannot be fitted, with the mend.
@@ -182,7 +185,11 @@ def prepare(
     guesses, scales = guess_base(recordings, s, ambient, known)
     bin = bin or bin_of(recordings, scales, max_bins)
     data = pack(s, recordings, sigma, ambient=ambient, bin=bin, order=order, substeps=substeps, pad_to=pad_to)
-    locals_ = Locals(temperature=s.thermal, displaced=s.mechanical and (release or not s.thermal) and not cut_notes)
+    locals_ = Locals(
+        temperature=s.thermal,
+        displaced=s.mechanical and (release or not s.thermal) and not cut_notes,
+        own=s.system is not None,
+    )
     starts, free_base = starts_of(s, guesses, known, scales, recordings, locals_, ambient)
     space = space_of(s, locals_, len(recordings), starts[0], scales, measured(s, recordings)[0], prior_strength)
     fixed_values = null_values(s, scales)
@@ -210,6 +217,8 @@ def prepare(
 
 def what_there_is(s: Structure, recordings: Sequence[Recording]) -> set[str]:
     """What a model and the sensors of its recordings have of what mechanisms need (`catalogue.NEEDS`)."""
+    if s.system:
+        return {s.system.name}
     temperature, displacement = measured(s, recordings)
     there = {
         "electric": s.drive in ("voltage", "pwm", "current"),
