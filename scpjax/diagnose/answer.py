@@ -38,8 +38,6 @@ def answer(
     setup = base.setup
     state = learned.state if learned else choice.state
     problem = state.setup
-    held = np.where(parts.mask, np.asarray(parts.whole.weights), 0.0)
-    train = np.asarray(parts.train.weights)
     final, final_data = _final(parts, state)
     base_final, _ = _final(parts, base)
     doubt = uncertainty(final, final_data, problem.space, coloured=final_data is parts.whole)
@@ -48,23 +46,12 @@ def answer(
     closure = describe(learned, every) if learned else None
     subsystem = closure.subsystem if closure and not named else _subsystem(choice, lacking)
     verdict, says = _verdict(choice.state, parts, named, closure)
-    noise = noise_by_column(setup)
     model = " + ".join((setup.structure.name, *choice.state.names, *(["closure"] if learned else [])))
     return Diagnosis(
         verdict=verdict,
         says=says,
-        base=Scores(
-            setup.structure.name,
-            scores(setup, parts.train, base.trial, train),
-            scores(setup, parts.whole, base.trial, held),
-            noise,
-        ),
-        extended=Scores(
-            model,
-            scores(problem, parts.train, state.trial, train),
-            scores(problem, parts.whole, state.trial, held),
-            noise,
-        ),
+        base=_scores(setup.structure.name, base, parts),
+        extended=_scores(model, state, parts),
         location=locate(setup, binned, subsystem, lacking),
         mechanisms=named,
         ranking=choice.ranking,
@@ -83,6 +70,17 @@ def answer(
             **settings,
             "held_out": "25-35 %, 60-70 % and 90-100 % of every recording",
         },
+    )
+
+
+def _scores(model: str, state: State, parts: Split) -> Scores:
+    """How well a hypothesis fits what it was fitted to, and predicts what was held out."""
+    held = np.where(parts.mask, np.asarray(parts.whole.weights), 0.0)
+    return Scores(
+        model,
+        scores(state.setup, parts.train, state.trial, np.asarray(parts.train.weights)),
+        scores(state.setup, parts.whole, state.trial, held),
+        noise_by_column(state.setup),
     )
 
 

@@ -10,7 +10,7 @@ from scpjax.diagnose.closure import Learned, learn
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Latent
 from scpjax.diagnose.select import Choice, Evidence
-from scpjax.diagnose.trials import State
+from scpjax.diagnose.trials import State, misfit
 
 AT_NOISE = 1.15  # ratio of residual to noise, in some column, up to which nothing more is asked for
 _LITTLE_LEFT = 0.05  # of the held-out misfit in excess of the noise: what names may leave unsought
@@ -21,13 +21,11 @@ _FAR_BETTER = 0.5  # ratio of what it leaves to what the names leave, below whic
 
 def level(state: State, parts: Split) -> float:
     """RMS misfit in units of the noise, in the column where it is greatest."""
-    there = parts.is_train | parts.is_held
-    columns = [j for j in range(there.shape[2]) if there[..., j].any()]
-    return max(float(np.sqrt(np.mean(state.residual[..., j][there[..., j]] ** 2))) for j in columns)
+    return float(np.sqrt(np.max(misfit(state, parts))))
 
 
-def _excess(state: State, there: np.ndarray) -> float:
-    """Sum of squares beyond what the noise makes."""
+def _unexplained(state: State, there: np.ndarray) -> float:
+    """Sum of squares, of the samples ``there``, beyond what the noise makes."""
     return max(float(np.sum(state.residual[there] ** 2) - there.sum()), 0.0)
 
 
@@ -46,12 +44,12 @@ def beyond_names(
     A closure is learned beyond the names that stay.
     """
     held = parts.is_held
-    whole, left = _excess(base, held), _excess(choice.state, held)
+    whole, left = _unexplained(base, held), _unexplained(choice.state, held)
     if left <= _LITTLE_LEFT * whole:
         return choice, None
     alone = learn(base, parts, rules, where)
     if not choice.state.names:
         return choice, alone
-    if alone is not None and _excess(alone.state, held) < min(_COMPLETE * whole, _FAR_BETTER * left):
+    if alone is not None and _unexplained(alone.state, held) < min(_COMPLETE * whole, _FAR_BETTER * left):
         return Choice(base, choice.ranking, {}, {}), alone
     return choice, learn(choice.state, parts, rules)
