@@ -19,7 +19,7 @@ CORNER = 0.05  # V, how gradually a weir sets in
 
 def rate(name, symbol, description, typical, null=None):
     """A parameter in 1/s."""
-    bounds, spread = (1e-5, 0.3), 2.0 if null is not None else float("inf")
+    bounds, spread = (1e-5, 1.0), 2.0 if null is not None else float("inf")
     return Parameter(
         name=name, symbol=symbol, unit="1/s", description=description, typical=typical, bounds=bounds, null=null,
         spread=spread,
@@ -34,6 +34,7 @@ class TwoTanks(System):
     says = "Water is pumped into the upper tank, runs into the lower one, and out."
     states = ("upper", "lower")
     outputs = ("level_V",)
+    substeps = 4  # an edge lets water off within seconds
     parameters = (
         rate("gain", "g", "rise of the upper level per volt at the pump", 0.05),
         rate("upper_rate", "k₁", "outflow of the upper tank by its level", 0.02),
@@ -54,36 +55,33 @@ class TorricelliOutflow(Mechanism):
     name = "torricelli_outflow"
     title = "Water runs out by Torricelli's law"
     subsystem = "balance"
-    equation = "outflow = k L ((h + z)/L)^n in place of k h, L = 10 V;  Torricelli: n = 1/2"
+    equation = "outflow = k L ((h + z)/L)^n in place of k h, L = 10 V, z = 0 above;  Torricelli: n = 1/2"
     source = "Torricelli's law; exponents of real orifices and pipes: White, Fluid Mechanics, ch. 6"
     says = "A fuller tank drains faster, but less than in proportion: with the root of the head above its outlet."
     needs = ("two_tanks",)
     excited_by = "high and low levels in one recording"
     parameters = (
         Parameter(
-            name="exponent", symbol="n", unit="1", description="of the head, 1/2 by Torricelli's law", typical=0.7,
-            bounds=(0.2, 1.5), null=1.0, scale="linear", spread=0.5,
+            name="exponent", symbol="n", unit="1", description="of the head, 1/2 by Torricelli's law", typical=0.5,
+            bounds=(0.4, 0.65), null=1.0, scale="linear", spread=0.1,
         ),
         Parameter(
-            name="head", symbol="z", unit="V", description="height of the sensor's zero above the outlet", typical=0.0,
+            name="head", symbol="z", unit="V", description="height of the lower sensor's zero above the outlet", typical=0.0,
             bounds=(-1.0, 6.0), null=0.0, scale="linear", spread=2.0,
         ),
     )  # fmt: skip
-    starts = ((0.5, 0.5), (0.5, 2.0), (0.8, 0.0))
+    starts = ((0.5, 0.5), (0.5, 2.0), (0.6, 0.0))
 
     def flows(self, p, view):
-        more = [k * (self._law(p, h) - h) for k, h in self._outlets(view)]
-        return {"upper": -more[0], "lower": more[0] - more[1]}
+        upper, lower = view.states["upper"], view.states["lower"]
+        between = view.shared["upper_rate"] * (self._law(p, upper, 0.0) - upper)  # no sensor: counted from its outlet
+        out = view.shared["lower_rate"] * (self._law(p, lower, p.head) - lower)
+        return {"upper": -between, "lower": between - out}
 
-    def _outlets(self, view):
-        rates = (view.shared["upper_rate"], view.shared["lower_rate"])
-        return zip(rates, (view.states["upper"], view.states["lower"]), strict=True)
-
-    def _law(self, p, level):
-        head = ramp(level + p.head, 0.0, jnp.asarray(0.01)) / LENGTH
-        positive = jnp.where(head > 1e-9, head, 1e-9)
-        wet = LENGTH * positive**p.exponent
-        return jnp.where((p.exponent == 1.0) & (p.head == 0.0), level, wet)
+    def _law(self, p, level, head):
+        wet = ramp(level + head, 0.0, jnp.asarray(0.01)) / LENGTH
+        law = LENGTH * jnp.where(wet > 1e-9, wet, 1e-9) ** p.exponent
+        return jnp.where((p.exponent == 1.0) & (head == 0.0), level, law)
 
 
 class UpperOverflow(Mechanism):
@@ -103,7 +101,7 @@ class UpperOverflow(Mechanism):
         ),
         Parameter(
             name="share", symbol="c", unit="1", description="of the water spilt, what reaches the lower tank",
-            typical=0.5, bounds=(0.0, 1.2), null=0.5, scale="linear", spread=0.5,
+            typical=0.5, bounds=(0.0, 1.0), null=0.5, scale="linear", spread=0.5,
         ),
     )  # fmt: skip
     starts = ((0.1, 7.0, 0.7), (0.1, 10.0, 0.7), (0.1, 15.0, 0.7))

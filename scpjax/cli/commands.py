@@ -115,6 +115,12 @@ def _diagnose(places: Any) -> None:
         default=[],
         help="recordings made since; without other files those of the diagnosis in DIR are taken along",
     )
+    _mechanism(parser)
+    _roles(parser)
+    _next(parser)
+
+
+def _mechanism(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mechanism",
         metavar="FILE.py",
@@ -122,8 +128,6 @@ def _diagnose(places: Any) -> None:
         default=[],
         help="a mechanism of your own to try beside the catalogue's (may be repeated)",
     )
-    _roles(parser)
-    _next(parser)
 
 
 def _next(parser: argparse.ArgumentParser) -> None:
@@ -162,14 +166,21 @@ def _fleet(places: Any) -> None:
     parser = _command(
         places,
         "fleet",
-        ("study", "run_fleet"),
-        "fit many actuators at once and compare them",
+        ("fleet", "run_fleet"),
+        "fit many actuators at once and compare them, or diagnose each",
         "Each subfolder with CSV files, and each CSV file beside them, is an actuator. Writes fleet.csv, "
         "fleet.json, figures and report.html.",
     )
     parser.add_argument("where", metavar="DIR_OR_GLOB", help="folder of actuators, or a quoted pattern")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write")
-    _model(parser)
+    parser.add_argument(
+        "--diagnose",
+        action="store_true",
+        help="diagnose each actuator in turn, into a folder of its own below actuators/, and say which effects are in "
+        "which; a call that was stopped goes on where it was",
+    )
+    _model(parser, own=True)
+    _mechanism(parser)
     _roles(parser)
 
 

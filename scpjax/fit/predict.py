@@ -46,7 +46,9 @@ def predict(
     meta = recording.metadata
     if meta.ambient_K is not None:
         model = eqx.tree_at(lambda m: m.ambient, model, jnp.asarray(meta.ambient_K, model.theta.dtype))
-    method = method or Exponential(order=4, substeps=2 if recording.hold != "zero_order" else 1)
+    if method is None:
+        own = model.structure.system.substeps if model.structure.system else 1
+        method = Exponential(order=4, substeps=own * (2 if recording.hold != "zero_order" else 1))
     z0 = _in_motion(model, recording, first_state(model, recording, noise or {}), method)
     outputs = np.asarray(simulate(model, recording, initial=z0, method=method).outputs)
     if not np.all(np.isfinite(outputs)):

@@ -42,8 +42,8 @@ class Locals:
 
 def initial_state(model: Model, locals_: Locals, values: Float[Array, " l"], effort: Float[Array, " s"]) -> Array:
     """State at the first sample from the local values of one recording."""
-    if locals_.own:
-        return model.initial(own=values, effort=effort)
+    if model.structure.system:
+        return model.initial(own=values if locals_.own else None, effort=effort)
     s = len(model.structure.sides)
     warm = values[:s] if locals_.temperature else 0.0
     displaced, velocity = (values[-2], values[-1]) if locals_.displaced else (0.0, 0.0)

@@ -179,6 +179,7 @@ def prepare(
     recordings, cut_notes = cut_long(recordings, s)
     if substeps is None:  # a band-limited drive bends within a sampling period
         substeps = 2 if any(r.hold == "band_limited" for r in recordings) else 1
+        substeps *= s.system.substeps if s.system else 1
     ambient, notes = _ambients(recordings, s)
     known, known_notes = _known(recordings, s, fixed or {})
     sigma = noise_of(recordings, s)
@@ -188,7 +189,7 @@ def prepare(
     locals_ = Locals(
         temperature=s.thermal,
         displaced=s.mechanical and (release or not s.thermal) and not cut_notes,
-        own=s.system is not None,
+        own=s.system is not None and not cut_notes,
     )
     starts, free_base = starts_of(s, guesses, known, scales, recordings, locals_, ambient)
     space = space_of(s, locals_, len(recordings), starts[0], scales, measured(s, recordings)[0], prior_strength)

@@ -73,6 +73,8 @@ def _initial_guess(
 ) -> list[float]:
     """Local values of one recording from its first samples."""
     first = {j: float(np.median(r.output(stem)[:3])) for j, stem in columns(s, r)}
+    if s.system and not locals_.own:
+        return []
     if locals_.own:
         return [float(v) for v in settled(Model(s, theta), first)[: locals_.count(s)]]
     out: list[float] = []
