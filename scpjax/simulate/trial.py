@@ -25,13 +25,17 @@ def use(path: str | os.PathLike[str]) -> tuple[Mechanism, ...]:
     """The mechanisms of a user's file, in the catalogue once they have been tried.
 
     **Raises** `ModelError` as of `scpjax.physics.catalogue.from_file`, and for a mechanism that does not vanish at its
-    null values or cannot be simulated.
+    null values, or it or a base that cannot be simulated.
     """
     found = from_file(path)
     try:
+        for m in found:  # a base first: the others are tried in it
+            if isinstance(m, System):
+                try_base(m, str(path))
         for m in found:
-            try_base(m, str(path)) if isinstance(m, System) else try_null(m, str(path))
-    except ModelError:
+            if not isinstance(m, System):
+                try_null(m, str(path))
+    except BaseException:
         forget(path)
         raise
     return found
