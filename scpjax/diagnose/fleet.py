@@ -128,7 +128,7 @@ def _spread(
 
 def outliers(members: Sequence[Member], found: Sequence[Spread]) -> tuple[Outlier, ...]:
     """Actuators with a parameter far from the others' (in units of their scatter and its own error), or with effects that
-    most others do not have, or without those that most have; farthest first.
+    hardly any other has, or without those that nearly all have; farthest first.
     """
     out = []
     for s in found:
@@ -148,14 +148,15 @@ def outliers(members: Sequence[Member], found: Sequence[Spread]) -> tuple[Outlie
 def _odd_effects(members: Sequence[Member]) -> list[Outlier]:
     whole = [m for m in members if m.content is not None]
     out = []
+    rare = max(1, len(whole) // 20)
     for effect, names in effects(whole).items() if len(whole) >= _FEW else ():
-        share = len(names) / len(whole)
-        for m in whole:
-            has = effect in m.effects or effect in m.equivalents
-            if has and effect in m.effects and share <= 0.2:
-                out.append(Outlier(m.name, f"{effect} was named here and in {len(names) - 1} of the others", 0.0))
-            elif not has and share >= 0.8:
-                out.append(Outlier(m.name, f"{effect} was not named here, but in {len(names)} of {len(whole)}", 0.0))
+        lacking = [m for m in whole if effect not in m.effects and effect not in m.equivalents]
+        if len(names) <= rare:
+            others = f"in {len(names) - 1} of the others" if len(names) > 1 else "in none of the others"
+            out += [Outlier(n, f"{effect} was named here and {others}", 0.0) for n in names]
+        elif len(lacking) <= rare:
+            words = f"{effect} was not named here, but in {len(names)} of {len(whole)}"
+            out += [Outlier(m.name, words, 0.0) for m in lacking]
     return out
 
 

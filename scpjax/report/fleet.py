@@ -84,7 +84,7 @@ def matrix(members: Sequence[Member]) -> Figure:
     rows, columns = len(members), len(named)
     few = rows <= _MANY
     tall = max(0.24 * rows, 0.6) if few else min(0.06 * rows + 2, 9.0)
-    figure = new_figure(8.6, tall + 1.75)
+    figure = new_figure(8.6, tall + 1.35)
     left, right = 0.2 if few else 0.07, 0.97
     axis = figure.add_axes((left, 0.12 / figure.get_figheight(), right - left, tall / figure.get_figheight()))
     for j, name in enumerate(named):
@@ -108,7 +108,8 @@ def matrix(members: Sequence[Member]) -> Figure:
     axis.set_yticks(range(rows) if few else [], [m.name for m in members] if few else [])
     if not few:
         axis.set_ylabel(f"{rows} actuators", color=TEXT, fontsize=8.5)
-        axis.legend(handles=[Patch(color=c, label=v) for v, c in _VERDICTS.items()], fontsize=7, loc="upper left")
+        handles = [Patch(color=c, label=v) for v, c in _VERDICTS.items()]
+        figure.legend(handles=handles, fontsize=7, loc="upper left", frameon=False, title="verdict", title_fontsize=7)
     axis.tick_params(length=0, labelsize=8, colors=TEXT)
     for side in axis.spines.values():
         side.set_color(GRID)
@@ -171,7 +172,10 @@ def _each(whole: Sequence[Member]) -> str:
             noise = m.content["base"]["noise"].get(name)
             beside = "" if noise is None else f", noise {number(noise, 2)}"
             errors.append(f"{words.lower()} {number(before['rmse'])} → {number(after['rmse'])}{beside} {u}".rstrip())
-        named = [n + (f" ({x['law']})" if x["law"] else "") for n, x in _named(m).items()]
+        named = [
+            n + (f" ({x['law']})" if x["law"] else "") + "".join(f" or {e}" for e in x["equivalents"])
+            for n, x in _named(m).items()
+        ]
         rows.append((m.name, m.verdict, ", ".join(named) or "–", "; ".join(errors)))
     return page.table(("Actuator", "Verdict", "Left out", "Held-out error, base → extended"), rows, tight=(0, 1))
 

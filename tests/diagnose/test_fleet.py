@@ -68,7 +68,7 @@ def test_what_is_not_like_the_others_is_told():
     assert found[0].score > 3.5
     assert "elastic_spring.stiffness = 160 N/m is far above the others' 100.2 N/m" in found[0].says
     assert {o.says for o in found[1:]} == {
-        "friction was named here and in 0 of the others",
+        "friction was named here and in none of the others",
         "creep was not named here, but in 6 of 7",
     }
     assert all(o.name == "odd" for o in found)
