@@ -1,6 +1,6 @@
 """A base model of one's own: an electronic oscillator, a series circuit whose voltage across the capacitor is recorded.
 
-    scpjax diagnose multisine.csv --base oscillator.py --drive drive_V --response response_V --out found
+scpjax diagnose multisine.csv --base oscillator.py --drive drive_V --response response_V --out found
 """
 
 from scpjax.parameter import Parameter
@@ -63,7 +63,7 @@ class NonlinearCapacitor(Mechanism):
 
     def flows(self, p, view):
         y = view.states["response"]
-        return {"rate": -view.shared["frequency"] ** 2 * y * y * (p.quadratic + p.cubic * y)}
+        return {"rate": -(view.shared["frequency"] ** 2) * y * y * (p.quadratic + p.cubic * y)}
 
 
 class NonlinearResistor(Mechanism):

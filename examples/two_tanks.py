@@ -6,6 +6,8 @@ The base is linear: each tank loses water in proportion to its level. Beside it 
 are in volts of the lower tank's sensor (the upper tank's on the scale on which both tanks are alike).
 """
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from scpjax.parameter import Parameter
@@ -53,35 +55,47 @@ class TwoTanks(System):
 
 class TorricelliOutflow(Mechanism):
     name = "torricelli_outflow"
-    title = "Water runs out by Torricelli's law"
+    title = "Water does not run out in proportion to the level"
     subsystem = "balance"
-    equation = "outflow = k L ((h + z)/L)^n in place of k h, L = 10 V, z = 0 above;  Torricelli: n = 1/2"
-    source = "Torricelli's law; exponents of real orifices and pipes: White, Fluid Mechanics, ch. 6"
-    says = "A fuller tank drains faster, but less than in proportion: with the root of the head above its outlet."
+    equation = (
+        "outflow = k L ((h + z)/L)^n in place of k h, L = 10 V, z = 0 above;  Torricelli: n = 1/2;  "
+        "law two outlets: the upper one has an exponent of its own"
+    )
+    source = (
+        "Torricelli's law; exponents of real orifices, pipes and weirs (up to 3/2): White, Fluid Mechanics, ch. 6, 10"
+    )
+    says = "A fuller tank drains faster, but less than in proportion: with a root of the head above its outlet."
     needs = ("two_tanks",)
     excited_by = "high and low levels in one recording"
+    laws = ("like outlets", "two outlets")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"upper_exponent": (1,)}
     parameters = (
         Parameter(
             name="exponent", symbol="n", unit="1", description="of the head, 1/2 by Torricelli's law", typical=0.5,
-            bounds=(0.4, 0.65), null=1.0, scale="linear", spread=0.1,
+            bounds=(0.3, 1.5), null=1.0, scale="linear", spread=0.2,
         ),
         Parameter(
-            name="head", symbol="z", unit="V", description="height of the lower sensor's zero above the outlet", typical=0.0,
-            bounds=(-1.0, 6.0), null=0.0, scale="linear", spread=2.0,
+            name="head", symbol="z", unit="V", description="height of the lower sensor's zero above the outlet",
+            typical=0.0, bounds=(-1.0, 6.0), null=0.0, scale="linear", spread=2.0,
+        ),
+        Parameter(
+            name="upper_exponent", symbol="n₁", unit="1", description="of the upper tank's level (law two outlets)",
+            typical=0.5, bounds=(0.3, 1.5), null=1.0, scale="linear", spread=0.5,
         ),
     )  # fmt: skip
-    starts = ((0.5, 0.5), (0.5, 2.0), (0.6, 0.0))
+    starts = ((0.5, 0.5, 0.5), (0.5, 0.5, 1.0), (0.8, 0.0, 0.8))
 
     def flows(self, p, view):
         upper, lower = view.states["upper"], view.states["lower"]
-        between = view.shared["upper_rate"] * (self._law(p, upper, 0.0) - upper)  # no sensor: counted from its outlet
-        out = view.shared["lower_rate"] * (self._law(p, lower, p.head) - lower)
+        above = jnp.where(p.law == 1, p.upper_exponent, p.exponent)
+        between = view.shared["upper_rate"] * (self._law(above, upper, 0.0) - upper)  # counted from its outlet
+        out = view.shared["lower_rate"] * (self._law(p.exponent, lower, p.head) - lower)
         return {"upper": -between, "lower": between - out}
 
-    def _law(self, p, level, head):
+    def _law(self, exponent, level, head):
         wet = ramp(level + head, 0.0, jnp.asarray(0.01)) / LENGTH
-        law = LENGTH * jnp.where(wet > 1e-9, wet, 1e-9) ** p.exponent
-        return jnp.where((p.exponent == 1.0) & (head == 0.0), level, law)
+        law = LENGTH * jnp.where(wet > 1e-9, wet, 1e-9) ** exponent
+        return jnp.where((exponent == 1.0) & (head == 0.0), level, law)
 
 
 class UpperOverflow(Mechanism):

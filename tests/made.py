@@ -21,7 +21,9 @@ def made_diagnosis(recording: Recording, *, stiffness: float = 100.0, named: str
         np.ones(len(x)), 1e3 * x, 1e3 * x, np.zeros(len(x), bool),
     )  # fmt: skip
     scores = {"displacement_mm": {"rmse": 0.2, "nrmse": 95.0, "mae": 0.1}}
-    mechanisms = (Named(named, named.capitalize(), "thermomechanical", "", 0.97, {"size": size}, (), "It gives.", "", ""),)
+    mechanisms = (
+        Named(named, named.capitalize(), "thermomechanical", "", 0.97, {"size": size}, (), "It gives.", "", ""),
+    )
     return Diagnosis(
         verdict="explained" if named else "adequate",
         says=f"Left out of the base model: {named}." if named else "Nothing is missing.",

@@ -2,8 +2,9 @@
 
     strain = s0 + a (T' - 25 degC) + b f(T' - Tg),    T' what the fibre feels
 
-f is a rounded corner of width W, a square (x^2/20 K beyond Tg), or an exponential of width W (about 55 degC). On the way back T' stays until the oven is 2 w colder
-(a play of half-width w in temperature), or the strain stays until it would have fallen by 2 h (a play in strain).
+f is a rounded corner of width W, a square (x^2/20 K beyond Tg), or an exponential of width W (about 55 degC). On the
+way back T' stays until the oven is 2 w colder (a play of half-width w in temperature), or the strain stays until it
+would have fallen by 2 h (a play in strain).
 Plays are exact: Visintin, Differential Models of Hysteresis (1994), ch. III.
 """
 
@@ -38,9 +39,7 @@ class Sample:
 
 def sample(recording: Recording) -> Sample:
     """Columns of a recording in the units of the file."""
-    return Sample(
-        recording.metadata.name, recording.inputs[:, 0] - 273.15, np.asarray(recording.outputs[:, 0])
-    )
+    return Sample(recording.metadata.name, recording.inputs[:, 0] - 273.15, np.asarray(recording.outputs[:, 0]))
 
 
 def play(x: np.ndarray, half_width: float) -> np.ndarray:
@@ -134,7 +133,7 @@ def independent(residual: np.ndarray) -> float:
 
 
 def compare(s: Sample) -> list[Fitted]:
-    """All laws fitted to a recording, best BIC first; all count with the independent samples that the closest leaves."""
+    """All laws fitted to a recording, best BIC first; all count with the independent samples of the closest."""
     laws = list(itertools.product(CURVES, LOOPS))
     left = [_least(s, *law, np.ones(len(s.strain), bool))[1] for law in laws]
     n = independent(min(left, key=lambda r: float(r @ r)))
@@ -247,5 +246,3 @@ def at(s: Sample, celsius: float) -> tuple[float, float]:
         float(np.interp(celsius, s.temperature[up], s.strain[up])),
         float(np.interp(celsius, s.temperature[down][::-1], s.strain[down][::-1])),
     )
-
-

@@ -1,7 +1,7 @@
 """Drawn nylon, dry and moist: does moisture change the law, and how? Run ``python -m fits.nylon.run``.
 
 No time was recorded, so the law is one of the temperature and of which way it goes (`fits.nylon.law`). Each recording
-is fitted under every combination of curve and loop; then all together, with every choice of what may differ between them.
+is fitted under every combination of curve and loop; then all together, with every choice of what may differ.
 """
 
 from __future__ import annotations

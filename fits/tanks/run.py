@@ -1,7 +1,7 @@
 """Two cascaded tanks: pump to lower level, from a base that is no actuator. Run ``python -m fits.tanks.run``.
 
-The base and what it may leave out are those of ``examples/two_tanks.py``. Only est.csv is diagnosed; val.csv is predicted
-from its drive and its first sample.
+The base and what it may leave out are those of ``examples/two_tanks.py``. Only est.csv is diagnosed; val.csv is
+predicted from its drive and its first sample.
 """
 
 from __future__ import annotations

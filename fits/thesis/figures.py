@@ -17,15 +17,15 @@ MARKS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 
 
 def poles(path: Path) -> None:
-    """Poles of (4.4), of Table 4.14, and of a low-pass filter and a dead time that would look alike."""
+    """Poles of (4.4), and of Table 4.14."""
     i = plant.implied()
     figure = Figure(figsize=(8.6, 3.2), layout="constrained")
     near, wide = figure.subplots(1, 2, width_ratios=(1.2, 1))
     found = np.array(i.poles)
     ring = np.roots([plant.ACTUATOR.mass_kg, i.damping_measured, i.k_measured])
     for axis in (near, wide):
-        axis.plot(found.real, found.imag, "x", color=EXTENDED, ms=9, mew=2, label="identified, (4.4)")
-        axis.plot(ring.real, ring.imag, "+", color=BASE, ms=11, mew=2, label="mass on the measured spring")
+        axis.plot(np.real(found), np.imag(found), "x", color=EXTENDED, ms=9, mew=2, label="identified, (4.4)")
+        axis.plot(np.real(ring), np.imag(ring), "+", color=BASE, ms=11, mew=2, label="mass on the measured spring")
         axis.plot([-i.thermal_measured], [0], "+", color="0.45", ms=11, mew=2, label="λ/C_th as measured")
         axis.axhline(0, color="0.8", lw=0.8)
         axis.set(xlabel="real part (1/s)", ylabel="imaginary part (rad/s)")
@@ -69,7 +69,7 @@ def steady_laws(path: Path, laws: Sequence[steady.Law]) -> None:
     points.plot(v**2, (v / top) ** 2 * _linear_scale(power, top), color=BASE, lw=1.5, ls="--", label="x = c V²")
     points.set(xlabel="V² (V²)", ylabel="displacement / law's at 3.55 V (1)", xlim=(0, None), ylim=(0, None))
     points.legend(frameon=False, fontsize=7, ncols=2, title="actuator", title_fontsize=7)
-    shown = laws[:12] + [law for law in laws[12:] if len(law.factors) <= 1]
+    shown = [*laws[:12]] + [law for law in laws[12:] if len(law.factors) <= 1]
     at = np.arange(len(shown))[::-1]
     bars.barh(at, [law.bic - laws[0].bic for law in shown], color=DRIVE, height=0.6)
     bars.set_yticks(at, [law.name for law in shown], fontsize=7)

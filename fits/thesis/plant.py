@@ -57,9 +57,9 @@ class Implied:
 def implied() -> Implied:
     """Every number from the tables."""
     a, c = ACTUATOR, COEFFICIENTS
-    m, k, beta = a.mass_kg, a.stiffness_N_per_m, a.damping_Ns_per_m
-    c_th, lam, force = a.heat_capacity_J_per_K, a.conductance_W_per_K, a.force_N_per_K
-    assert None not in (k, beta, lam, force, a.load_mass_kg)
+    m, c_th = a.mass_kg, a.heat_capacity_J_per_K
+    given = (a.stiffness_N_per_m, a.damping_Ns_per_m, a.conductance_W_per_K, a.force_N_per_K, a.load_mass_kg)
+    k, beta, lam, force, load = (float(v) for v in given if v is not None)
     decay = lam / c_th
     poles = np.roots([1.0, c.a2, c.a1, c.a0])
     pair = poles[np.argmax(poles.imag)]
@@ -87,13 +87,13 @@ def implied() -> Implied:
         pair_ratio=float(-pair.real / abs(pair)),
         pair_delay=float(-2 * pair.real / abs(pair) ** 2),
         nyquist=np.pi / PERIOD,
-        sag=GRAVITY * a.load_mass_kg / k_pair,
-        sag_measured=GRAVITY * a.load_mass_kg / k,
+        sag=GRAVITY * load / k_pair,
+        sag_measured=GRAVITY * load / k,
         in_grams=(k / (1e3 * m) + decay * beta / m, c.a1),
         stroke=(
             gain * volts**2,
             force / (lam * a.resistance_ohm * k) * volts**2,
-            table.displacement_m[int(np.argmin(np.abs(np.array(table.mass_kg) - a.load_mass_kg)))],
+            table.displacement_m[int(np.argmin(np.abs(np.array(table.mass_kg) - load)))],
         ),
     )
 
@@ -130,5 +130,3 @@ def held() -> dict[str, float]:
 def missing(given: list[Recording] | None = None) -> Diagnosis:
     """What the plant with the measured mechanics lacks to do what (4.4) does."""
     return diagnose(given or recordings(), fixed=held())
-
-

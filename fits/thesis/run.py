@@ -1,6 +1,7 @@
-"""The thesis from its own numbers. Run ``python -m fits.thesis.run`` (two minutes; ``--quick`` leaves the diagnosis out).
+"""The thesis from its own numbers. Run ``python -m fits.thesis.run``.
 
-Writes result.json, result.md and figures/ into this folder, or ``--out``.
+Takes two minutes; ``--quick`` leaves the diagnosis out. Writes result.json, result.md and figures/ into this folder, or
+``--out``.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ def plant_lines(i: plant.Implied) -> Iterator[str]:
     grams = f"k/m + λβ/(C_th m) with m in grams, against a1 | {i.in_grams[0]:.3f} | {i.in_grams[1]:.3f}"
     yield f"| {grams} (a1) |"
     by_plant, by_table, measured = (1e3 * x for x in i.stroke)
-    yield f"| displacement at 3.41 V for long (mm) | {by_plant:.1f} | by Table 4.14 {by_table:.1f}, seen {measured:.1f} |"
+    beside = f"by Table 4.14 {by_table:.1f}, seen {measured:.1f}"
+    yield f"| displacement at 3.41 V for long (mm) | {by_plant:.1f} | {beside} |"
     yield ""
     yield (
         f"The complex pair stands for a mean delay of {i.pair_delay:.2f} s; the fastest oscillation that the recording "
@@ -96,16 +98,15 @@ def joint_lines(accounts: Sequence[turning.Account]) -> Iterator[str]:
     ratio = np.median(turning.MEASURED / turning.said({}))
     yield f"With it (3.11) turns too far: the median of measured over said is {ratio:.2f}."
     tau, spread = turning.cooling_time()
-    yield f"Times back to the start (Tables 4.11, 4.12): time constant {tau:.2f} ± {spread:.2f} s; C_th/λ {turning.TAU:.2f} s."
+    back = "Times back to the start (Tables 4.11, 4.12)"
+    yield f"{back}: time constant {tau:.2f} ± {spread:.2f} s; C_th/λ {turning.TAU:.2f} s."
     yield ""
     yield "| effects | RMSE (deg) | load pair left out | table left out: 4.9, 4.11, 4.12 | ΔBIC | parameters |"
     yield "|---|---:|---:|---|---:|---|"
     for a in accounts:
         values = ", ".join(f"{k} = {v:.3g} ± {a.std[k]:.2g} {turning.EFFECTS[k][1]}" for k, v in a.values.items())
         tables = ", ".join(f"{v:.1f}" for v in (a.tables or {}).values())
-        yield (
-            f"| {a.name} | {a.rmse:.2f} | {a.left_out:.2f} | {tables} | {a.bic - accounts[0].bic:.1f} | {values} |"
-        )
+        yield (f"| {a.name} | {a.rmse:.2f} | {a.left_out:.2f} | {tables} | {a.bic - accounts[0].bic:.1f} | {values} |")
 
 
 def work(out: Path, *, quick: bool = False) -> dict[str, Any]:

@@ -129,7 +129,9 @@ def compare() -> list[Law]:
     return sorted(found, key=lambda law: law.bic)
 
 
-def resampled(laws: Sequence[Law], draws: int = 200, seed: int = 0) -> dict[tuple[str, ...], tuple[float, float, float]]:
+def resampled(
+    laws: Sequence[Law], draws: int = 200, seed: int = 0
+) -> dict[tuple[str, ...], tuple[float, float, float]]:
     """Of each law: mean and standard deviation of its BIC less the best law's, and how often it is best, over tables of
     nine actuators drawn with replacement.
     """

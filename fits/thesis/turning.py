@@ -33,9 +33,7 @@ from scpjax.recordings.thesis import (
 
 ACTUATOR = next(row for row in TABLE_4_14 if row.code == "1")  # like 16 and 17
 TRIALS: tuple[tuple[str, JointTrial], ...] = tuple(
-    (name, trial)
-    for name, table in (("4.9", TABLE_4_9), ("4.11", TABLE_4_11), ("4.12", TABLE_4_12))
-    for trial in table
+    (name, trial) for name, table in (("4.9", TABLE_4_9), ("4.11", TABLE_4_11), ("4.12", TABLE_4_12)) for trial in table
 )
 MEASURED = np.degrees([t.angle_rad for _, t in TRIALS])
 GROUPS = np.array([f"{name}, {1e3 * t.agonist_mass_kg:.1f} g" for name, t in TRIALS])

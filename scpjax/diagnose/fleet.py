@@ -127,8 +127,8 @@ def _spread(
 
 
 def outliers(members: Sequence[Member], found: Sequence[Spread]) -> tuple[Outlier, ...]:
-    """Actuators with a parameter far from the others' (in units of their scatter and its own error), or with effects that
-    hardly any other has, or without those that nearly all have; farthest first.
+    """Actuators with a parameter far from the others' (in units of their scatter and its own error), or with effects
+    that hardly any other has, or without those that nearly all have; farthest first.
     """
     out = []
     for s in found:

@@ -78,7 +78,7 @@ def choose_together(
     best = _thinned(max(able, key=lambda s: s.gain.delta_bic), base, catalogue, split, rules)
     ranking, chance = _ranked(base, best.state, candidates, seen, catalogue, split, rules, best.names)
     state = _alone(base, best, catalogue, split)
-    return Choice(state, ranking, {n: chance[n] for n in state.names}, {n: () for n in state.names})
+    return Choice(state, ranking, {n: chance[n] for n in state.names}, dict.fromkeys(state.names, ()))
 
 
 def _trial(setup: Setup, value: np.ndarray, laws: np.ndarray, names: frozenset[str]) -> Trial:

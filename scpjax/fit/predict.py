@@ -36,7 +36,9 @@ def predict(
     The state at the start is that of the first sample where the recording gives one that is clearly not rest
     (``noise``: standard deviation per column, in the file's unit), else rest. A weight that is clearly moving while its
     drive repeats itself is taken to have been driven so before. No later output is looked at.
-    A base of the user's own begins where it would stand still and show the first sample. ``response_columns`` names the columns to give, in the unit of their suffix; those of the recording, else the
+    A base of the user's own begins where it would stand still and show the first sample.
+
+    ``response_columns`` names the columns to give, in the unit of their suffix; those of the recording, else the
     model's own in SI, when not given.
 
     Returns (time (n,) [s], {column: (n,)}).

@@ -164,8 +164,9 @@ def prepare(
 ) -> Setup:
     """Everything a fit or a diagnosis of one actuator needs.
 
-    ``model`` may be the name of a base of the user's own; ``fixed`` holds physical values by parameter key; ``prior_strength`` divides the spread of the base priors;
-    ``release`` says that the weight may be moving when a recording begins.
+    ``model`` may be the name of a base of the user's own; ``fixed`` holds physical values by parameter key;
+    ``prior_strength`` divides the spread of the base priors; ``release`` says that the weight may be moving when a
+    recording begins.
 
     **Raises** `FitError` or `RecordingError` for recordings that cannot be fitted, with the mend.
     """

@@ -22,9 +22,10 @@ class System(Mechanism):
     column, in SI, ``view.own`` the states. `rates` and `observe` should be smooth where all states are zero, about
     which integrators linearise them; what is not belongs into `flows` of a mechanism.
 
-    ``substeps`` of the integrator between two samples resolve its quickest flow. ``starts`` are values of the parameters where a fit may begin, best guess first; their typical ones when empty.
-    The state that a recording begins in is estimated; when predicting, it is the one in which the system would stand
-    still (under a constant drive) and show the first readings.
+    ``substeps`` of the integrator between two samples resolve its quickest flow. ``starts`` are values of the
+    parameters where a fit may begin, best guess first; their typical ones when empty. The state that a recording begins
+    in is estimated; when predicting, it is the one in which the system would stand still (under a constant drive) and
+    show the first readings.
     """
 
     subsystem: ClassVar[Subsystem] = "balance"

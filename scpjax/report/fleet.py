@@ -1,4 +1,4 @@
-"""The page of a fleet that was diagnosed: which effects in which, what spreads, which actuator is not like the others."""
+"""The page of a fleet that was diagnosed: which effects in which, what spreads, what is not like the others."""
 
 from __future__ import annotations
 
@@ -39,6 +39,7 @@ def write_fleet_diagnosis(
     write_json(out / "fleet.json", _json(members, found, odd))
     write_text(out / "fleet.csv", _csv(members))
     whole = [m for m in members if m.content is not None]
+    unlike = page.bullets([f"{o.name}: {sentence(o.says)}" for o in odd])
     shapes = {"effects": plot.png(matrix(whole))}
     values = {s.key: [_estimate(m.parameters.get(s.key)) for m in whole] for s in found}
     if values:
@@ -53,7 +54,7 @@ def write_fleet_diagnosis(
         heading("Fleet", badge, "unexplained" if left or failed else "explained", says[0], ""),
         *(page.text(s) for s in says[1:]),
         page.section("Which effects are in which", page.figure(shapes["effects"], _EFFECTS), _effects_table(whole)),
-        page.section("Not like the others", page.bullets([f"{o.name}: {sentence(o.says)}" for o in odd]) or _none(whole)),
+        page.section("Not like the others", unlike or _none(whole)),
         page.section(
             "How the parameters spread",
             _spread_table(found),
@@ -72,8 +73,8 @@ _EFFECTS = (
     "could stand in for one that was named."
 )
 _SPREAD = (
-    "Scatter: what is left of the spread between actuators when the errors of the estimates are taken out, as a share of "
-    "the median. p: of values this far apart or farther if all actuators were the same (Cochran's Q)."
+    "Scatter: what is left of the spread between actuators when the errors of the estimates are taken out, as a share "
+    "of the median. p: of values this far apart or farther if all actuators were the same (Cochran's Q)."
 )
 _VALUES = "Each actuator's value with its 95 % interval; the dashed line is the median."
 
@@ -140,7 +141,9 @@ def _effects_table(whole: Sequence[Member]) -> str:
     for name, having in effects(whole).items():
         stands = [m.name for m in whole if name in m.equivalents and name not in m.effects]
         chance = [m.effects[name] for m in whole if name in m.effects]
-        rows.append((title(name), name, f"{len(having)} of {len(whole)}", percent(min(chance)), ", ".join(stands) or "–"))
+        rows.append(
+            (title(name), name, f"{len(having)} of {len(whole)}", percent(min(chance)), ", ".join(stands) or "–")
+        )
     head = ("Effect", "Name", "Named in", "Least probability", "Could stand in, too, in")
     return page.table(head, rows, (2, 3), tight=(1,))
 

@@ -1,4 +1,4 @@
-"""A user's mechanism, tried before it is used: does it vanish at its null values, and can it be simulated? And a base."""
+"""A user's mechanism or base, tried before it is used: does it vanish at its null values, can it be simulated?"""
 
 from __future__ import annotations
 
@@ -50,7 +50,9 @@ def use_base(path: str | os.PathLike[str]) -> System:
     if len(bases) != 1:
         forget(path)
         problem = f"defines {len(bases)} base models" if bases else "defines no base model"
-        raise ModelError(problem, where=str(path), mend="write one class that inherits from scpjax.physics.system.System")
+        raise ModelError(
+            problem, where=str(path), mend="write one class that inherits from scpjax.physics.system.System"
+        )
     return bases[0]
 
 

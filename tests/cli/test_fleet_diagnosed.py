@@ -32,7 +32,9 @@ def rig(tmp_path, monkeypatch):
         asked.append(name)
         if name == "d":
             raise FitError("the drive never changes")
-        return made_diagnosis(recordings[0], stiffness=200.0 if name == "e" else 100.0, named="" if name == "b" else "creep")
+        return made_diagnosis(
+            recordings[0], stiffness=200.0 if name == "e" else 100.0, named="" if name == "b" else "creep"
+        )
 
     monkeypatch.setattr(room, "diagnose", diagnose)
     return asked

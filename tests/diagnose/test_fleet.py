@@ -14,7 +14,13 @@ def member(name: str, stiffness: float, std: float = 2.0, **named: float) -> Mem
         "verdict": "explained" if named else "adequate",
         "says": "",
         "mechanisms": [
-            {"name": k, "law": "", "probability": p, "equivalents": ["hysteresis"], "parameters": {"size": e(0.3, 0.01, "1")}}
+            {
+                "name": k,
+                "law": "",
+                "probability": p,
+                "equivalents": ["hysteresis"],
+                "parameters": {"size": e(0.3, 0.01, "1")},
+            }
             for k, p in named.items()
         ],
         "parameters": {"elastic_spring.stiffness": e(stiffness, std, "N/m")},

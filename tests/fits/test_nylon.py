@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from fits.nylon.law import Sample, at, compare, fit, play, shared, strain
 from fits.nylon.run import common_lines, law_lines, shared_lines
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from fits.thesis import plant, run, steady, turning
 from fits.thesis_control.joint import turned
-
 from scpjax.diagnose.table import diagnose_steady, resistance_times_conductance
 from scpjax.physics.presets import Compact, from_compact
 from scpjax.recordings.thesis import SteadyState, table_4_4_recordings
@@ -16,9 +16,7 @@ from scpjax.recordings.thesis import SteadyState, table_4_4_recordings
 def test_the_stiffness_of_the_pair_is_that_of_the_inverted_compact_form():
     row, a, found = plant.COEFFICIENTS, plant.ACTUATOR, plant.implied()
     compact = Compact(b0=row.b0, a2=row.a2, a1=row.a1, a0=row.a0)
-    made = from_compact(
-        compact, mass=a.mass_kg, resistance=a.resistance_ohm, thermal_mass=a.heat_capacity_J_per_K
-    )
+    made = from_compact(compact, mass=a.mass_kg, resistance=a.resistance_ohm, thermal_mass=a.heat_capacity_J_per_K)
     assert float(made.value("elastic_spring.stiffness")) == pytest.approx(found.k_from_pair, rel=1e-9)
     pole = float(made.value("newton_cooling.conductance")) / a.heat_capacity_J_per_K
     assert pole == pytest.approx(found.thermal_pole, rel=1e-9)
