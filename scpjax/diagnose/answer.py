@@ -11,7 +11,7 @@ from scpjax.diagnose.closure import Learned
 from scpjax.diagnose.expression import describe
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.locate import Binned, locate
-from scpjax.diagnose.outside import AT_NOISE, level
+from scpjax.diagnose.outside import AT_NOISE, form_at_most, level
 from scpjax.diagnose.result import Closure, Diagnosis, Latent, Named, Scores, Verdict
 from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State, residual_on
@@ -45,7 +45,7 @@ def answer(
     named = _named(choice, every)
     closure = describe(learned, every) if learned else None
     subsystem = closure.subsystem if closure and not named else _subsystem(choice, lacking)
-    verdict, says = _verdict(choice.state, parts, named, closure)
+    verdict, says = _verdict(base, choice.state, state, parts, named, closure)
     model = " + ".join((setup.structure.name, *choice.state.names, *(["closure"] if learned else [])))
     return Diagnosis(
         verdict=verdict,
@@ -137,7 +137,10 @@ def _subsystem(choice: Choice, lacking: Sequence[Latent]) -> str:
     return lacking[0].subsystem
 
 
-def _verdict(state: State, parts: Split, named: tuple[Named, ...], closure: Closure | None) -> tuple[Verdict, str]:
+def _verdict(
+    base: State, state: State, final: State, parts: Split, named: tuple[Named, ...], closure: Closure | None
+) -> tuple[Verdict, str]:
+    """``state`` holds what is named, ``final`` the closure as well, if there is one."""
     ratio = level(state, parts)
     names = " and ".join(m.title[0].lower() + m.title[1:] for m in named)
     learned = f" Learned in its place: {closure.expression}." if closure else ""
@@ -151,6 +154,12 @@ def _verdict(state: State, parts: Split, named: tuple[Named, ...], closure: Clos
         )
     if ratio <= AT_NOISE:
         return "explained", f"Left out of the base model: {names}. With it the misfit is down to the noise."
+    if closure and form_at_most(base, state, parts) and level(final, parts) <= AT_NOISE:
+        return (
+            "explained",
+            f"Left out of the base model: {names}. It leaves {ratio:.1f} times the noise, which a correction of its "
+            f"law's form takes away: {closure.expression}.",
+        )
     return (
         "unexplained",
         f"Left out of the base model: {names}; but the misfit is still {ratio:.1f} times the noise, so something "
