@@ -76,7 +76,7 @@ def main(name: str, about: str, work: Work, argv: Sequence[str] | None = None) -
         help="folder for the figure (default: %(default)s)",
     )
     given = parser.parse_args(argv)
-    folder = _find(given.data, name)
+    folder = find(given.data, name)
     jax.config.update("jax_enable_x64", True)
     try:
         rows, panels = work(folder, given)
@@ -92,7 +92,8 @@ def _stop(message: str) -> NoReturn:
     raise SystemExit(2)
 
 
-def _find(data: Path | str | None, name: str) -> Path:
+def find(data: Path | str | None, name: str) -> Path:
+    """The folder of a fit's recordings; ends the program with a line on what to set where it is not there."""
     if data is None:
         _stop(f"no data: set SCPJAX_DATA, or give --data, to the folder that holds {name}/ (see fits/README.md)")
     folder = Path(data) / name

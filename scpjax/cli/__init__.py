@@ -76,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ScpjaxError as error:
         print(f"scpjax: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("scpjax: stopped; nothing was written", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        print(f"scpjax: stopped; {str(stop) or 'nothing was written'}", file=sys.stderr)
         return 130
     return 0

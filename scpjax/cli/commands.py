@@ -48,6 +48,14 @@ def _roles(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--response", metavar="COL", help="columns that respond, comma separated")
 
 
+def _model(parser: argparse.ArgumentParser, own: bool = False) -> None:
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--model", choices=MODELS, help="default: as the files say, or by their columns")
+    if own:
+        words = "a base model of your own, no heated actuator: with what it may leave out beside it"
+        which.add_argument("--base", metavar="FILE.py", help=words)
+
+
 def _simulate(places: Any) -> None:
     parser = _command(
         places,
@@ -77,7 +85,7 @@ def _fit(places: Any) -> None:
     )
     parser.add_argument("files", metavar="FILE", nargs="+", help="recordings (CSV) of one actuator")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write")
-    parser.add_argument("--model", choices=MODELS, help="default: as the files say, or by their columns")
+    _model(parser, own=True)
     parser.add_argument(
         "--fixed",
         metavar="KEY=VALUE",
@@ -99,7 +107,7 @@ def _diagnose(places: Any) -> None:
     )
     parser.add_argument("files", metavar="FILE", nargs="*", help="recordings (CSV) of one actuator")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write")
-    parser.add_argument("--model", choices=MODELS, help="default: as the files say, or by their columns")
+    _model(parser, own=True)
     parser.add_argument(
         "--then",
         metavar="FILE",
@@ -107,6 +115,12 @@ def _diagnose(places: Any) -> None:
         default=[],
         help="recordings made since; without other files those of the diagnosis in DIR are taken along",
     )
+    _mechanism(parser)
+    _roles(parser)
+    _next(parser)
+
+
+def _mechanism(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mechanism",
         metavar="FILE.py",
@@ -114,8 +128,6 @@ def _diagnose(places: Any) -> None:
         default=[],
         help="a mechanism of your own to try beside the catalogue's (may be repeated)",
     )
-    _roles(parser)
-    _next(parser)
 
 
 def _next(parser: argparse.ArgumentParser) -> None:
@@ -154,14 +166,21 @@ def _fleet(places: Any) -> None:
     parser = _command(
         places,
         "fleet",
-        ("study", "run_fleet"),
-        "fit many actuators at once and compare them",
+        ("fleet", "run_fleet"),
+        "fit many actuators at once and compare them, or diagnose each",
         "Each subfolder with CSV files, and each CSV file beside them, is an actuator. Writes fleet.csv, "
         "fleet.json, figures and report.html.",
     )
     parser.add_argument("where", metavar="DIR_OR_GLOB", help="folder of actuators, or a quoted pattern")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write")
-    parser.add_argument("--model", choices=MODELS, help="default: as the files say, or by their columns")
+    parser.add_argument(
+        "--diagnose",
+        action="store_true",
+        help="diagnose each actuator in turn, into a folder of its own below actuators/, and say which effects are in "
+        "which; a call that was stopped goes on where it was",
+    )
+    _model(parser, own=True)
+    _mechanism(parser)
     _roles(parser)
 
 

@@ -108,6 +108,8 @@ def fit_drive(model: Model, recording: Recording) -> Model:
     **Raises** `ModelError` where they are not.
     """
     drive_values(model.structure, recording)
+    if model.structure.system:  # takes its drive as it is
+        return model
     kind: DriveKind = drive_kind(recording.input_channels[0].stem, model.structure.name)
     mine = model.structure.drive
     if kind == mine:
@@ -130,9 +132,11 @@ def output_columns(model: Model, recording: Recording, extra: Mapping[str, Any])
         known = stem.split("_")[0] in _USUAL
         if stem in stems or not known:  # a column of another name was taken for the last output
             found.setdefault(stems.index(stem) if stem in stems else len(stems) - 1, (str(column), unit))
+    own = model.structure.system
     for i, stem in enumerate(stems):
-        suffix = _USUAL[stem.split("_")[0]]
-        found.setdefault(i, (f"{stem}_{suffix}", get_unit(suffix)))
+        suffix = _USUAL.get(stem.split("_")[0], "")
+        usual = (own.outputs[i], own.channels[i][1]) if own else (f"{stem}_{suffix}", get_unit(suffix))
+        found.setdefault(i, usual)
     return {found[i][0]: (i, found[i][1]) for i in range(len(stems))}
 
 

@@ -1,9 +1,8 @@
-"""``scpjax fit``, ``scpjax diagnose`` and ``scpjax fleet``."""
+"""``scpjax fit`` and ``scpjax diagnose``."""
 
 from __future__ import annotations
 
 import dataclasses
-import glob
 import math
 from argparse import Namespace
 from collections.abc import Sequence
@@ -14,7 +13,6 @@ from scpjax.cli.program import check_folder, progress, say, staged, start
 from scpjax.cli.then import Earlier, Read, earlier, limits_of, probability_changes, say_next, with_earlier
 from scpjax.diagnose.profiles import Limits
 from scpjax.diagnose.result import Diagnosis
-from scpjax.errors import FitError, RecordingError, ScpjaxError
 from scpjax.fit.result import Estimate
 from scpjax.recordings.recording import Recording
 from scpjax.report.numbers import column, estimate, interval, number, percent, unit
@@ -27,6 +25,7 @@ def run_fit(arguments: Namespace) -> None:
     recordings = read_files(arguments.files, drive=arguments.drive, response=arguments.response)
     recordings = [with_known(r, known) for r in recordings]
     start()
+    model = arguments.model if arguments.base is None else base_name(arguments.base)
     from scpjax.fit.fit import FitOptions, fit
     from scpjax.report.report import command_line, write_fit
 
@@ -34,7 +33,7 @@ def run_fit(arguments: Namespace) -> None:
         if show:
             show("fitting", 0.1)
         options = FitOptions(robust=3.0 if arguments.robust else 0.0)
-        found = fit(recordings, model=arguments.model, fixed=keys, options=options)
+        found = fit(recordings, model=model, fixed=keys, options=options)
         if show:
             show("writing the report", 0.9)
         with staged(out) as folder:
@@ -51,6 +50,13 @@ def run_fit(arguments: Namespace) -> None:
     say(arguments, f"report: {out / 'report.html'}")
 
 
+def base_name(file: str) -> str:
+    """The base model of a user's file, by name; it and the mechanisms beside it are in the catalogue from now on."""
+    from scpjax.simulate.trial import use_base
+
+    return use_base(file).name
+
+
 def run_diagnose(arguments: Namespace) -> None:
     """Diagnose one actuator."""
     out = check_folder(arguments.out)
@@ -61,12 +67,13 @@ def run_diagnose(arguments: Namespace) -> None:
     recordings = read_files(read.files, drive=read.drive, response=read.response)
     limits = limits_of(arguments, recordings)
     start()
+    model = read.model if read.base is None else base_name(read.base)
     if read.mechanisms:
         from scpjax.simulate.trial import use
 
         for file in read.mechanisms:
             use(file)
-    diagnose_into(arguments, recordings, out, model=read.model, limits=limits, before=before, read=read)
+    diagnose_into(arguments, recordings, out, model=model, limits=limits, before=before, read=read)
 
 
 def diagnose_into(
@@ -123,64 +130,3 @@ def say_parameters(arguments: Namespace, parameters: dict[str, Estimate]) -> Non
     for key, e in parameters.items():
         value = f"{estimate(e.value, e.std, e.low, e.high, e.at_limit)} {unit(e.unit)}".strip()
         say(arguments, f"  {key} = {value}   (95 %: {interval(e.low, e.high)})")
-
-
-def run_fleet(arguments: Namespace) -> None:
-    """Fit every actuator of a folder; one that cannot be read or fitted does not stop the others."""
-    out = check_folder(arguments.out)
-    actuators = find_actuators(arguments.where, out)
-    read: dict[str, list[Recording]] = {}
-    failed: dict[str, ScpjaxError] = {}
-    for name, files in actuators.items():
-        try:
-            read[name] = read_files(files, drive=arguments.drive, response=arguments.response)
-        except ScpjaxError as error:
-            failed[name] = error
-    if not read:
-        raise next(iter(failed.values()))
-    start()
-    from scpjax.fit.fleet import fit_fleet
-    from scpjax.report.report import command_line, write_fleet
-
-    with progress(arguments) as show:
-        fleet = fit_fleet(list(read.values()), names=list(read), model=arguments.model, progress=show)
-        by_name = dict(zip(fleet.names, fleet.fits, strict=True)) | {k: str(e) for k, e in failed.items()}
-        fleet = dataclasses.replace(fleet, names=tuple(actuators), fits=tuple(by_name[n] for n in actuators))
-        if all(isinstance(f, str) for f in fleet.fits):
-            first = str(next(f for f in fleet.fits if isinstance(f, str)))
-            raise FitError(f"none of {len(actuators)} actuators could be fitted; the first: {first}")
-        with staged(out) as folder:
-            write_fleet(fleet, folder, command=command_line(arguments.line))
-    failures = {n: f for n, f in zip(fleet.names, fleet.fits, strict=True) if isinstance(f, str)}
-    say(arguments, f"{len(actuators) - len(failures)} of {len(actuators)} actuators fitted")
-    for name, why in failures.items():
-        say(arguments, f"  {name}: {why}")
-    say(arguments, f"table: {out / 'fleet.csv'}\nreport: {out / 'report.html'}")
-
-
-def find_actuators(where: str, out: Path) -> dict[str, list[str]]:
-    """Files of every actuator by name: subfolders with CSV files, and CSV files that lie side by side."""
-    path = Path(where)
-    if path.is_dir():
-        matches = [p for p in sorted(path.iterdir()) if not p.name.startswith(".")]
-    else:
-        matches = [Path(p) for p in sorted(glob.glob(where, recursive=True))]
-    found: dict[str, list[str]] = {}
-    for match in matches:
-        if match.is_dir() and match.resolve() != out.resolve():
-            files = sorted(str(p) for p in match.glob("*.csv"))
-            if files:
-                found[_free_name(match.name, match, found)] = files
-        elif match.suffix.lower() == ".csv" and match.is_file():
-            found[_free_name(match.stem, match, found)] = [str(match)]
-    if not found:
-        if not matches and not path.exists():
-            raise RecordingError("no such folder, and no file matches", where=where, mend="check the name")
-        raise RecordingError(
-            "no CSV files and no subfolders with CSV files", where=where, mend="name a folder of recordings"
-        )
-    return found
-
-
-def _free_name(name: str, path: Path, taken: dict[str, list[str]]) -> str:
-    return name if name not in taken else f"{path.parent.name}/{name}"

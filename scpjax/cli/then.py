@@ -27,10 +27,12 @@ class Read:
     response: str | None
     model: str | None
     mechanisms: list[str]  # files of the user's own
+    base: str | None = None  # file of the user's own base model
 
     def to_json(self) -> dict[str, Any]:
         """Only what was told; the files stand beside it."""
         told = {"drive": self.drive, "response": self.response, "model": self.model, "mechanisms": self.mechanisms}
+        told["base"] = self.base
         return {k: v for k, v in told.items() if v}
 
 
@@ -55,7 +57,8 @@ def earlier(out: Path) -> Earlier | None:
         settings = content["settings"]
         told = settings.get("read", {})
         files = list(dict.fromkeys(settings["files"]))  # a long file was read in pieces
-        read = Read(files, told.get("drive"), told.get("response"), told.get("model"), list(told.get("mechanisms", [])))
+        own = (list(told.get("mechanisms", [])), told.get("base"))
+        read = Read(files, told.get("drive"), told.get("response"), told.get("model"), *own)
         return Earlier(read, _probabilities(content["ranking"], content["mechanisms"]))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise RecordingError(
@@ -70,7 +73,8 @@ def with_earlier(arguments: Namespace, before: Earlier | None, out: Path) -> Rea
     call would write over one of its files.
     """
     files = list(arguments.files)
-    read = Read(files, arguments.drive, arguments.response, arguments.model, list(arguments.mechanism))
+    own = (list(arguments.mechanism), arguments.base)
+    read = Read(files, arguments.drive, arguments.response, arguments.model, *own)
     if arguments.then and not files:
         if before is None:
             raise RecordingError(
@@ -88,7 +92,7 @@ def with_earlier(arguments: Namespace, before: Earlier | None, out: Path) -> Rea
         old = before.read
         mechanisms = list(dict.fromkeys([*old.mechanisms, *read.mechanisms]))
         told = (read.drive or old.drive, read.response or old.response, read.model or old.model)
-        read = Read(old.files, *told, mechanisms)
+        read = Read(old.files, *told, mechanisms, read.base or old.base)
     if not read.files:
         arguments.parser.error("the following arguments are required: FILE")
     read = replace(read, files=[*read.files, *arguments.then])

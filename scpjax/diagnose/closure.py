@@ -54,6 +54,8 @@ def learn(state: State, split: Split, rules: Evidence, subsystems: Sequence[str]
     """
     make_room()
     problem = _with_terms(state.setup, subsystems)
+    if not offers(problem):
+        return None
     before = current = _carried(problem, state)
     every = offers(problem)
     chosen: tuple[str, ...] = ()
@@ -86,6 +88,8 @@ def _with_terms(setup: Setup, subsystems: Sequence[str]) -> Setup:
 
 def _possible(setup: Setup, m: Mechanism) -> bool:
     s = setup.structure
+    if s.system:  # its states have no terms here
+        return False
     return {"thermal": s.thermal, "mechanical": s.mechanical, "": True}[m.needs[0] if m.needs else ""]
 
 

@@ -17,6 +17,7 @@ from scpjax.diagnose.profiles import Limits
 from scpjax.diagnose.result import Diagnosis
 from scpjax.diagnose.rivals import Outcome, next_experiment
 from scpjax.diagnose.select import Evidence, Progress, choose
+from scpjax.diagnose.together import choose_together
 from scpjax.diagnose.trials import State, grown, residual_on
 from scpjax.fit.data import Data
 from scpjax.fit.fit import (
@@ -75,7 +76,10 @@ def diagnose(
     catalogue = grown(setup, *candidates)
     tell("fitting the base model", 0.05)
     parts, base, notes = _base(setup)
-    choice = choose(base, parts, options.evidence, catalogue, max_steps=options.max_steps, progress=tell)
+    if setup.structure.system:
+        choice = choose_together(base, parts, options.evidence, catalogue, progress=tell)
+    else:
+        choice = choose(base, parts, options.evidence, catalogue, max_steps=options.max_steps, progress=tell)
     if choice.state.names:  # jumps inside gaps are timed better by the better model
         problem = choice.state.setup
         again, data, _ = settle(problem, choice.state.trial, parts.train, drop_outliers=False)

@@ -67,10 +67,13 @@ def _places(setup: Setup, model: Model) -> list[_Place]:
         unit = np.zeros(len(names))
         unit[names.index("velocity")] = 1.0 / float(np.asarray(b.moving_mass))
         places.append(_Place("thermomechanical", "force", "N", unit, 0))
+    for i, state in enumerate(s.system.states if s.system else ()):
+        places.append(_Place("balance", f"rate of {state}", "1/s", np.eye(len(names))[i], 0))
     there = np.any(np.isfinite(data_norm(setup.data)), axis=(0, 1))
     for j, output in enumerate(s.outputs):
         if there[j]:
-            unit_name = "K" if output.startswith("temperature") else "rad" if output == "angle" else "m"
+            own = s.system.channels[j][1].si if s.system else "m"
+            unit_name = "K" if output.startswith("temperature") else "rad" if output == "angle" else own
             places.append(_Place("sensor", f"{output} reading", unit_name, None, j))
     return places
 
@@ -195,6 +198,7 @@ def depends(
         "velocity": binned.velocity,
         "drive": binned.drive,
         "time": binned.time,
+        **binned.own,
     }
     value, weight = np.concatenate(mean), 1.0 / (np.concatenate(std) ** 2 + 1e-300)
     weight = np.minimum(weight, 20 * np.median(weight))

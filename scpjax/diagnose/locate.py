@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -27,6 +27,7 @@ class Binned:
     temperature: np.ndarray | None
     displacement: np.ndarray | None
     velocity: np.ndarray | None
+    own: dict[str, np.ndarray] = field(default_factory=dict)  # outputs of a base of the user's own, by stem
 
 
 def observe(setup: Setup, data: Data, trial: Trial, residual: np.ndarray) -> Binned:
@@ -53,7 +54,8 @@ def observe(setup: Setup, data: Data, trial: Trial, residual: np.ndarray) -> Bin
     warm = mean(outputs[..., 0] - np.asarray(data.ambient)[:, None]) if s.thermal else None
     moved = mean(outputs[..., -1]) if s.mechanical else None
     speed = None if moved is None else np.gradient(moved, axis=1) / (data.bin * step)
-    return Binned(residual, there, time, drive, warm, moved, speed)
+    own = {stem: mean(outputs[..., j]) for j, stem in enumerate(s.outputs)} if s.system else {}
+    return Binned(residual, there, time, drive, warm, moved, speed, own)
 
 
 def locate(setup: Setup, b: Binned, subsystem: str, lacking: Sequence[Latent] = ()) -> Location:
@@ -135,7 +137,7 @@ def _windows(
 
 def _regimes(b: Binned, excess: np.ndarray, there: np.ndarray) -> dict[str, float]:
     """Share of the excess misfit in each regime, by what the base model's main state does."""
-    main = b.temperature if b.temperature is not None else b.displacement
+    main = next((m for m in (b.temperature, b.displacement, *b.own.values()) if m is not None), None)
     if main is None:
         return {}
     span = np.ptp(main) + 1e-300
@@ -169,6 +171,7 @@ def _depends(b: Binned, worst: int) -> tuple[tuple[str, float], ...]:
         "velocity": b.velocity,
         "drive": b.drive,
         "time": b.time,
+        **b.own,
     }
     if b.temperature is not None:
         candidates["temperature_rate"] = np.gradient(b.temperature, axis=1)

@@ -60,6 +60,8 @@ def guess_base(
     recordings: Sequence[Recording], s: Structure, ambient: Sequence[float], known: Mapping[str, float]
 ) -> tuple[list[Guess], Scales]:
     """Base parameter values from the data, several where the data leave a choice; best first."""
+    if s.system:
+        return _system_guess(recordings, s, ambient)
     longest = int(np.argmax([np.ptp(np.asarray(drive_values(s, r)), axis=0).sum() * r.duration for r in recordings]))
     r = recordings[longest]
     period, e, outputs = _uniform(r, s, ambient[longest])
@@ -85,6 +87,25 @@ def guess_base(
     drive = float(np.sqrt(np.max(np.abs(e)))) or 1.0
     scales = Scales(response, max(q.duration for q in recordings), float(max(peak, 1e-9)), travel, drive)
     return guesses, scales
+
+
+def _system_guess(
+    recordings: Sequence[Recording], s: Structure, ambient: Sequence[float]
+) -> tuple[list[Guess], Scales]:
+    """Starts that the user's base gives, and how quickly its outputs follow the drive."""
+    assert s.system is not None
+    guesses = [Guess(values, 0.0) for values in s.system.beginnings()]
+    longest = max(recordings, key=lambda r: r.duration)
+    period, e, outputs = _uniform(longest, s, ambient[0])
+    times = []
+    for y in outputs.values():
+        first = best_linear(e[:, 0], y, period, 1, held=longest.hold == "zero_order")
+        times += [1.0 / float(m.a[0]) for m in first[:1] if m.a[0] > 0]
+    travel = max(float(np.ptp(y)) for y in outputs.values()) or 1.0
+    response = min(times, default=longest.duration / 20)
+    response = float(np.clip(response, 2 * period, longest.duration))
+    drive = float(np.sqrt(np.max(np.abs(e)))) or 1.0
+    return guesses, Scales(response, max(r.duration for r in recordings), 1.0, travel, drive)
 
 
 def _thermal_guess(

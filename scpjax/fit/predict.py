@@ -13,6 +13,8 @@ from scipy import signal
 from scpjax.errors import ModelError, ScpjaxError
 from scpjax.fit.data import columns
 from scpjax.physics.model import Model
+from scpjax.physics.settled import settled
+from scpjax.physics.structure import Structure
 from scpjax.recordings.recording import Recording
 from scpjax.simulate.drive import drive_values, effort
 from scpjax.simulate.simulate import Exponential, Method, simulate
@@ -34,6 +36,8 @@ def predict(
     The state at the start is that of the first sample where the recording gives one that is clearly not rest
     (``noise``: standard deviation per column, in the file's unit), else rest. A weight that is clearly moving while its
     drive repeats itself is taken to have been driven so before. No later output is looked at.
+    A base of the user's own begins where it would stand still and show the first sample.
+
     ``response_columns`` names the columns to give, in the unit of their suffix; those of the recording, else the
     model's own in SI, when not given.
 
@@ -44,7 +48,9 @@ def predict(
     meta = recording.metadata
     if meta.ambient_K is not None:
         model = eqx.tree_at(lambda m: m.ambient, model, jnp.asarray(meta.ambient_K, model.theta.dtype))
-    method = method or Exponential(order=4, substeps=2 if recording.hold != "zero_order" else 1)
+    if method is None:
+        own = model.structure.system.substeps if model.structure.system else 1
+        method = Exponential(order=4, substeps=own * (2 if recording.hold != "zero_order" else 1))
     z0 = _in_motion(model, recording, first_state(model, recording, noise or {}), method)
     outputs = np.asarray(simulate(model, recording, initial=z0, method=method).outputs)
     if not np.all(np.isfinite(outputs)):
@@ -62,6 +68,8 @@ def predict(
 def first_state(model: Model, recording: Recording, noise: Mapping[str, float]):
     """State vector (states,) at the first sample; rest where the recording does not clearly say otherwise."""
     s = model.structure
+    if s.system:
+        return settled(model, {j: y for j, (y, _, _) in _first_outputs(model, recording).items()})
     effort0 = _first_effort(model, recording)
     rest = model.initial(effort=effort0) if not s.thermal else model.initial()
     first = _first_outputs(model, recording)
@@ -155,13 +163,17 @@ def _columns(model: Model, recording: Recording, wanted: tuple[str, ...]) -> lis
         for j, stem in columns(s, recording):
             c = next(c for c in recording.output_channels if c.stem == stem)
             out.setdefault(j, (c.column, j, c.unit.scale, c.unit.offset))
-    if not out:
-        units = {
-            "temperature": ("degC", 1.0, 273.15),
-            "displacement": ("mm", 1e-3, 0.0),
-            "angle": ("deg", np.pi / 180, 0.0),
-        }
-        for j, stem in enumerate(s.outputs):
-            suffix, scale, offset = units[stem.split("_")[0]]
-            out[j] = (f"{stem}_{suffix}", j, scale, offset)
-    return [out[j] for j in sorted(out)]
+    return [out[j] for j in sorted(out)] or _usual_columns(s)
+
+
+def _usual_columns(s: Structure) -> list[tuple[str, int, float, float]]:
+    """The model's own outputs, in the units that files usually have."""
+    if s.system:
+        units = [unit for _, unit in s.system.channels]
+        return [(s.system.outputs[j], j, unit.scale, unit.offset) for j, unit in enumerate(units)]
+    usual = {
+        "temperature": ("degC", 1.0, 273.15),
+        "displacement": ("mm", 1e-3, 0.0),
+        "angle": ("deg", np.pi / 180, 0.0),
+    }
+    return [(f"{stem}_{u[0]}", j, *u[1:]) for j, stem in enumerate(s.outputs) for u in [usual[stem.split("_")[0]]]]

@@ -27,18 +27,23 @@ class Locals:
 
     temperature: bool  # K above ambient, per side
     displaced: bool  # m from equilibrium, and velocity m/s
+    own: bool = False  # all states of a base of the user's own
 
     def count(self, structure: Structure) -> int:
-        return self.temperature * len(structure.sides) + 2 * self.displaced
+        return len(self.names(structure))
 
     def names(self, structure: Structure) -> tuple[str, ...]:
         """Names of the entries for one recording."""
         names = [f"initial_temperature{'_' + s if s else ''}" for s in structure.sides] if self.temperature else []
-        return tuple(names + (["initial_displacement", "initial_velocity"] if self.displaced else []))
+        names += ["initial_displacement", "initial_velocity"] if self.displaced else []
+        names += [f"initial_{state}" for state in structure.system.states] if self.own and structure.system else []
+        return tuple(names)
 
 
 def initial_state(model: Model, locals_: Locals, values: Float[Array, " l"], effort: Float[Array, " s"]) -> Array:
     """State at the first sample from the local values of one recording."""
+    if model.structure.system:
+        return model.initial(own=values if locals_.own else None, effort=effort)
     s = len(model.structure.sides)
     warm = values[:s] if locals_.temperature else 0.0
     displaced, velocity = (values[-2], values[-1]) if locals_.displaced else (0.0, 0.0)

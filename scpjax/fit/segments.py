@@ -16,7 +16,7 @@ _LONG, _SEGMENT, _SEGMENTS, _EDGE = 16384, 2048, 3, 16
 
 
 def cut_long(recordings: Sequence[Recording], s: Structure) -> tuple[tuple[Recording, ...], tuple[str, ...]]:
-    """Long recordings of quick, directly driven actuators as segments that run abreast.
+    """Long recordings of quick, directly driven actuators (or systems of the user's own) as segments that run abreast.
 
     Each segment begins with a lead, from rest and without weight, in which its unknown start dies away; a few samples
     at its end, where a band-limited hold cannot know what follows, have no weight either. Of very long recordings

@@ -16,9 +16,10 @@ from scpjax.fit.noise import noise_of
 from scpjax.fit.problem import Locals, Space, Trial
 from scpjax.fit.segments import cut_long
 from scpjax.fit.space import measured, null_values, space_of, starts_of
-from scpjax.physics.catalogue import applicable
+from scpjax.physics.catalogue import applicable, systems
 from scpjax.physics.mechanism import Mechanism
 from scpjax.physics.presets import structure as preset
+from scpjax.physics.presets import system_structure
 from scpjax.physics.structure import DriveKind, Structure
 from scpjax.recordings.recording import Recording, check_informative
 from scpjax.simulate.drive import drive_kind, drive_values, effort
@@ -97,7 +98,7 @@ def restructured(setup: Setup, structure: Structure) -> Setup:
 
 
 def choose_model(recordings: Sequence[Recording], model: str | None = None) -> str:
-    """The preset for these recordings: as told, as their files say, or as their columns suggest.
+    """The preset (or base of the user's own) for these recordings: as told, as files say, or as columns suggest.
 
     **Raises** `FitError` when the recordings do not agree.
     """
@@ -123,6 +124,8 @@ def structure_for(recordings: Sequence[Recording], model: str | None, extra: Seq
     **Raises** `FitError` when the recordings are driven by different columns or a joint lacks its pulley.
     """
     name = choose_model(recordings, model)
+    if name in systems():
+        return system_structure(systems()[name]).with_mechanisms(*extra)
     kinds: set[DriveKind] = {drive_kind(c.stem, name) for r in recordings for c in r.input_channels}
     if len(kinds) != 1:
         raise FitError(f"drives of different kinds: {sorted(kinds)}", mend="fit recordings with one kind of drive")
@@ -155,8 +158,9 @@ def prepare(
 ) -> Setup:
     """Everything a fit or a diagnosis of one actuator needs.
 
-    ``fixed`` holds physical values by parameter key; ``prior_strength`` divides the spread of the base priors;
-    ``release`` says that the weight may be moving when a recording begins.
+    ``model`` may be the name of a base of the user's own; ``fixed`` holds physical values by parameter key;
+    ``prior_strength`` divides the spread of the base priors; ``release`` says that the weight may be moving when a
+    recording begins.
 
     **Raises** `FitError` or `RecordingError` for recordings that cannot be fitted, with the mend.
     """
@@ -170,13 +174,18 @@ def prepare(
     recordings, cut_notes = cut_long(recordings, s)
     if substeps is None:  # a band-limited drive bends within a sampling period
         substeps = 2 if any(r.hold == "band_limited" for r in recordings) else 1
+        substeps *= s.system.substeps if s.system else 1
     ambient, notes = _ambients(recordings, s)
     known, known_notes = _known(recordings, s, fixed or {})
     sigma = noise_of(recordings, s)
     guesses, scales = guess_base(recordings, s, ambient, known)
     bin = bin or bin_of(recordings, scales, max_bins)
     data = pack(s, recordings, sigma, ambient=ambient, bin=bin, order=order, substeps=substeps, pad_to=pad_to)
-    locals_ = Locals(temperature=s.thermal, displaced=s.mechanical and (release or not s.thermal) and not cut_notes)
+    locals_ = Locals(
+        temperature=s.thermal,
+        displaced=s.mechanical and (release or not s.thermal) and not cut_notes,
+        own=s.system is not None and not cut_notes,
+    )
     starts, free_base = starts_of(s, guesses, known, scales, recordings, locals_, ambient)
     space = space_of(s, locals_, len(recordings), starts[0], scales, measured(s, recordings)[0], prior_strength)
     fixed_values = null_values(s, scales)
@@ -204,6 +213,8 @@ def prepare(
 
 def what_there_is(s: Structure, recordings: Sequence[Recording]) -> set[str]:
     """What a model and the sensors of its recordings have of what mechanisms need (`catalogue.NEEDS`)."""
+    if s.system:
+        return {s.system.name}
     temperature, displacement = measured(s, recordings)
     there = {
         "electric": s.drive in ("voltage", "pwm", "current"),

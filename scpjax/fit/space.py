@@ -11,6 +11,8 @@ from scpjax.fit.data import columns
 from scpjax.fit.guess import Guess, Scales
 from scpjax.fit.problem import Locals, Space
 from scpjax.parameter import Bounded, Parameter
+from scpjax.physics.model import Model
+from scpjax.physics.settled import settled
 from scpjax.physics.structure import Structure
 from scpjax.recordings.recording import Recording
 from scpjax.simulate.drive import drive_values, effort
@@ -71,6 +73,10 @@ def _initial_guess(
 ) -> list[float]:
     """Local values of one recording from its first samples."""
     first = {j: float(np.median(r.output(stem)[:3])) for j, stem in columns(s, r)}
+    if s.system and not locals_.own:
+        return []
+    if locals_.own:
+        return [float(v) for v in settled(Model(s, theta), first)[: locals_.count(s)]]
     out: list[float] = []
     slope = 0.0
     if s.mechanical:
@@ -104,8 +110,13 @@ def space_of(
         centre, wide = _prior(p, slot.mechanism, value, unit, seen_t, s, strength)
         mean.append(centre)
         spread.append(wide)
-    travel = scales.displacement
-    for _ in range(n_rec):
+    travel, n_local = scales.displacement, locals_.count(s)
+    for i in range(n_rec):
+        if locals_.own:
+            begun = start[len(s.slots) + i * n_local :][:n_local]
+            low, high, log = low + [-np.inf] * n_local, high + [np.inf] * n_local, log + [False] * n_local
+            size = np.maximum(np.abs(begun), 1e-3 * max(np.max(np.abs(begun)), travel))
+            scale, mean, spread = [*scale, *size], [*mean, *begun], [*spread, *(10 * np.maximum(size, travel))]
         if locals_.temperature:
             n = len(s.sides)
             low, high, log = low + [-np.inf] * n, high + [np.inf] * n, log + [False] * n

@@ -100,6 +100,9 @@ class Balances:
         view = View(self.ambient, effort, temperature, x, v, shared=self.shared, mass=self.moving_mass, step=self.step)
         if self.structure.timed:
             view.time = z[at]
+        if self.structure.system:
+            which = self.structure.mechanisms.index(self.structure.system)
+            view.states = dict(zip(self.structure.system.states, owns[which], strict=True))
         if not reaching:
             view.effort = self._fold("effort", effort, view, owns)
         view.felt = view.actuating = temperature
@@ -134,6 +137,19 @@ class Balances:
             return force
         return force + self._net(self._sum("resistance", view, owns, self._signed(force)))
 
+    def _own_rates(self, m: Mechanism, p: Values, view: View, owns: list) -> list[Array]:
+        """Rates of a mechanism's states; of a system, with what flows beside (which the linear core leaves out)."""
+        rates = [jnp.asarray(rate) for rate in m.rates(p, view)]
+        if m is not self.structure.system or self.core:
+            return rates
+        total = dict(zip(m.states, rates, strict=True))
+        for other, values, own in zip(self.structure.mechanisms, self.values, owns, strict=True):
+            if _has(other, "flows"):
+                view.own = own
+                for state, flow in other.flows(values, view).items():
+                    total[state] = total[state] + flow
+        return list(total.values())
+
     # -- evaluation ----------------------------------------------------------------------------------------------
 
     def rates(self, z: States, effort: Float[Array, " sides"]) -> list[Array]:
@@ -150,8 +166,8 @@ class Balances:
             view.felt = self._fold("felt_temperature", view.temperature, view, owns)
         for m, p, own in zip(self.structure.mechanisms, self.values, owns, strict=True):
             view.own = own
-            for rate in m.rates(p, view) if m.states else ():
-                parts += self._each(jnp.asarray(rate))
+            for rate in self._own_rates(m, p, view, owns) if m.states else ():
+                parts += self._each(rate)
         if self.structure.timed:
             parts.append(jnp.ones((), self.dtype))
         return parts
@@ -166,6 +182,12 @@ class Balances:
         if self.structure.mechanical:
             moved = self._each(self._fold("reading", view.displacement, view, owns, "displacement"))[0]
             parts.append(moved / (self.structure.pulley_radius or 1.0) if self.sides == 2 else moved)
+        if self.structure.system:
+            which = self.structure.mechanisms.index(self.structure.system)
+            view.own = owns[which]
+            true = self.structure.system.observe(self.values[which], view)
+            for stem, value in zip(self.structure.outputs, true, strict=True):
+                parts += self._each(self._fold("reading", jnp.asarray(value), view, owns, stem))
         return parts
 
     def heat_flows(self, z: States, effort: Float[Array, " sides"]) -> tuple[Array, Array, Array]:
@@ -211,13 +233,26 @@ class Balances:
             asked = m.effort_for(p, view, asked)
         return jnp.reshape(asked, (self.sides,))
 
+    def _begun(self, own: Array | None) -> list[Array]:
+        """States that a system begins in, zero where none are given; none without a system."""
+        if self.structure.system is None:
+            return []
+        n = len(self.structure.system.states)
+        return list(jnp.zeros(n, self.dtype) if own is None else jnp.asarray(own, self.dtype))
+
     def initial(
-        self, temperature: Number = 0.0, displaced: Number = 0.0, velocity: Number = 0.0, effort: Number = 0.0
+        self,
+        temperature: Number = 0.0,
+        displaced: Number = 0.0,
+        velocity: Number = 0.0,
+        effort: Number = 0.0,
+        own: Array | None = None,
     ) -> Float[Array, " n"]:
         """See `Model.initial`."""
         warm = jnp.broadcast_to(jnp.asarray(temperature, self.dtype), (self.sides,))
         effort = jnp.broadcast_to(jnp.asarray(effort, self.dtype), (self.sides,))
         n_own = sum(self.sides * len(m.states) for m in self.structure.mechanisms)
+        begun = self._begun(own)
         heat = [warm[i] for i in range(self.sides)] if self.structure.thermal else []
         zero = jnp.zeros((), self.dtype)
         clock = [zero] if self.structure.timed else []
@@ -225,13 +260,14 @@ class Balances:
         def at(x: Array, v: Array) -> list[Array]:
             """State at a coordinate, own states as after a long time there."""
             moving = [x, v] if self.structure.mechanical else []
-            view, owns = self._view([*heat, *moving, *[zero] * n_own, *clock], effort)
+            view, owns = self._view([*heat, *moving, *begun, *[zero] * (n_own - len(begun)), *clock], effort)
             view.felt = self._fold("felt_temperature", view.temperature, view, owns)
-            own: list[Array] = []
+            states: list[Array] = []
             for m, p in zip(self.structure.mechanisms, self.values, strict=True):
-                for start in m.initial(p, view) if m.states else ():
-                    own += self._each(jnp.asarray(start))
-            return [*heat, *moving, *own, *clock]
+                given = begun if m is self.structure.system else m.initial(p, view) if m.states else ()
+                for start in given:
+                    states += self._each(jnp.asarray(start))
+            return [*heat, *moving, *states, *clock]
 
         x = v = zero
         if self.structure.mechanical:

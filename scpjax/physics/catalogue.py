@@ -13,7 +13,7 @@ import math
 import os
 import pkgutil
 import sys
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -23,6 +23,7 @@ from typing import get_args
 from scpjax.errors import ModelError
 from scpjax.physics import mechanisms as _room
 from scpjax.physics.mechanism import Mechanism, Subsystem
+from scpjax.physics.system import System, fault
 
 GROUP = "scpjax.mechanisms"
 _files: dict[Path, tuple[Mechanism, ...]] = {}  # read in this process, so that a class is made once
@@ -106,6 +107,11 @@ def mechanism(name: str) -> Mechanism:
     return known[name]
 
 
+def systems() -> dict[str, System]:
+    """Base models of the user's own, by name."""
+    return {name: m for name, m in catalogue().items() if isinstance(m, System)}
+
+
 def left_out() -> tuple[Mechanism, ...]:
     """Mechanisms that a base model leaves out, by name."""
     return tuple(m for _, m in sorted(catalogue().items()) if not (m.is_base or m.learned))
@@ -117,7 +123,8 @@ NEEDS = (
     *("temperature_output", "displacement_output"),
 )
 """What a mechanism or law may need: a drive that is electric, in volts (or pwm), in amperes; an energy balance, a force
-balance, two actuators that pull against each other; a thermometer, a displacement or angle sensor."""
+balance, two actuators that pull against each other; a thermometer, a displacement or angle sensor. Beside these, the
+name of a base of the user's own."""
 
 
 def applicable(m: Mechanism, have: Collection[str], law: int | None = None) -> bool:
@@ -145,7 +152,7 @@ def _line(error: Exception, path: Path) -> int | None:
     return line
 
 
-def _check_new(found: Iterable[Mechanism], where: str, taken: Collection[str]) -> None:
+def _check_new(found: Iterable[Mechanism], where: str, taken: Mapping[str, Mechanism]) -> None:
     """**Raises** `ModelError` where there is none, a name is taken, or a mechanism is not whole."""
     found = list(found)
     if not found:
@@ -157,12 +164,13 @@ def _check_new(found: Iterable[Mechanism], where: str, taken: Collection[str]) -
     for m in found:
         if m.name in taken or sum(o.name == m.name for o in found) > 1:
             raise ModelError(f"the name {m.name!r} is taken", where=where, mend="choose another name")
-        problem = _fault(m)
+        bases = {o.name for o in (*found, *taken.values()) if isinstance(o, System)}
+        problem = fault(m) if isinstance(m, System) else _fault(m, bases)
         if problem:
             raise ModelError(f"{m.name}: {problem[0]}", where=where, mend=problem[1])
 
 
-def _fault(m: Mechanism) -> tuple[str, str] | None:
+def _fault(m: Mechanism, bases: Collection[str]) -> tuple[str, str] | None:
     """What a left-out mechanism lacks, and the mend."""
     for text in ("title", "equation", "source", "says"):
         if not str(getattr(m, text, "")).strip():
@@ -172,8 +180,11 @@ def _fault(m: Mechanism) -> tuple[str, str] | None:
     if not m.parameters:
         return "has no parameters", "a mechanism needs one that says how strong it is"
     needs = {*m.needs, *(n for each in m.law_needs.values() for n in each)}
-    if not needs <= set(NEEDS):
-        return f"needs {sorted(needs - set(NEEDS))}", f"what can be needed is {', '.join(NEEDS)}"
+    if not needs <= {*NEEDS, *bases}:
+        known = ", ".join((*NEEDS, *sorted(bases)))
+        return f"needs {sorted(needs - {*NEEDS, *bases})}", f"what can be needed is {known}"
+    if m.subsystem == "balance" and not needs & set(bases):
+        return "acts in a balance that no base has", 'name the base in needs = ("...",)'
     for p in m.parameters:
         if p.null is None:
             return f"{p.name} has no null value", "give null=..., the value at which the mechanism vanishes"

@@ -11,8 +11,10 @@ from jaxtyping import Array, Float
 
 from scpjax.parameter import Parameter
 
-Subsystem = Literal["drive", "thermoelectric", "thermomechanical", "sensor"]
-Quantity = Literal["temperature", "displacement"]
+Subsystem = Literal["drive", "thermoelectric", "thermomechanical", "sensor", "balance"]
+"""Where physics acts; "balance" is one of a base of one's own (`scpjax.physics.system.System`)."""
+Quantity = str
+"""What a sensor reads: "temperature", "displacement", or the stem of an output of a base of one's own."""
 Side = Float[Array, "sides"]
 
 
@@ -49,6 +51,7 @@ class View:
     mass: Array | float = 0.0  # kg, all that moves, scalar
     step: Array | float = 0.0  # s, of the integrator; 0 where there is none (see `Mechanism.resistance`)
     shared: dict[str, Array] = field(default_factory=dict)  # base parameters others refer to: stiffness, thermal_mass
+    states: dict[str, Array] = field(default_factory=dict)  # of a base of one's own, by name
 
 
 class Mechanism(eqx.Module):
@@ -61,6 +64,7 @@ class Mechanism(eqx.Module):
         energy      thermal_mass dT/dt = power + sum of heat()        [W]
         force       mass d2x/dt2       = sum of force() + resistance()  [N]
         sensors     reading = reading()(states)
+        own base    d(state)/dt = its rates() + sum of flows()       (`scpjax.physics.system.System`)
     """
 
     name: ClassVar[str]
@@ -140,6 +144,10 @@ class Mechanism(eqx.Module):
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
         """Time derivatives of this mechanism's own states."""
         return ()
+
+    def flows(self, p: Values, view: View) -> dict[str, Side]:
+        """What it adds to the rates of the states of a base of one's own, by state: ``view.states`` has them."""
+        return {}
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
         """Own states of an actuator that has long been as ``view`` shows it."""

@@ -80,14 +80,19 @@ class Model(eqx.Module):
         return jnp.stack(self.balances().observe([z[i] for i in range(self.structure.n_states)], effort))
 
     def initial(
-        self, temperature: Number = 0.0, displaced: Number = 0.0, velocity: Number = 0.0, effort: Number = 0.0
+        self,
+        temperature: Number = 0.0,
+        displaced: Number = 0.0,
+        velocity: Number = 0.0,
+        effort: Number = 0.0,
+        own: Array | None = None,
     ) -> Float[Array, " n"]:
         """State of an actuator that has long been ``temperature`` [K above ambient, per side] warm.
 
         ``displaced`` [m] is added to the coordinate's equilibrium at that temperature (at that ``effort`` where the
-        drive pulls directly), long creep included, and ``velocity`` [m/s] set.
+        drive pulls directly), long creep included, and ``velocity`` [m/s] set. ``own`` are the states of a system.
         """
-        return self.balances().initial(temperature, displaced, velocity, effort)
+        return self.balances().initial(temperature, displaced, velocity, effort, own)
 
     def delay(self) -> Array:
         """Dead time [s] of the drive."""

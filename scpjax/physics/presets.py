@@ -10,6 +10,7 @@ from scpjax.errors import ModelError
 from scpjax.physics.catalogue import mechanism
 from scpjax.physics.model import Model
 from scpjax.physics.structure import DriveKind, Structure
+from scpjax.physics.system import System
 
 _THERMAL = ("joule_heating", "newton_cooling")
 _MECHANICAL = ("thermal_actuation", "elastic_spring", "viscous_damping", "inertia")
@@ -42,6 +43,13 @@ def structure(
         pulley_mass=pulley_mass,
         distinct=distinct,
         base=names,
+    )
+
+
+def system_structure(system: System) -> Structure:
+    """Structure of a base of the user's own; its drive is the drive column itself."""
+    return Structure(
+        name=system.name, mechanisms=(system,), thermal=False, mechanical=False, drive="gain", base=(system.name,)
     )
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from scpjax.errors import ModelError
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism
+from scpjax.physics.system import System
 
 DriveKind = Literal["voltage", "pwm", "current", "power", "temperature", "gain"]
 
@@ -58,10 +59,17 @@ class Structure:
         names = [m.name for m in self.mechanisms]
         if len(set(names)) != len(names):
             raise ModelError(f"a mechanism appears twice in {names}", mend="name each one once")
-        if not (self.thermal or self.mechanical):
+        if not (self.thermal or self.mechanical or self.system):
             raise ModelError("a model needs an energy or a force balance", mend="use te, tm, plant or aaa")
+        if self.system and (self.thermal or self.mechanical or self.sides != ("",)):
+            raise ModelError(f"{self.system.name} is a whole base model", mend="use it alone, for one actuator")
         if len(self.sides) == 2 and self.mechanical and not (self.pulley_radius or 0) > 0:
             raise ModelError("a joint needs its pulley radius", mend="give [pulley] radius_m")
+
+    @cached_property
+    def system(self) -> System | None:
+        """The base of the user's own, where it is one."""
+        return next((m for m in self.mechanisms if isinstance(m, System)), None)
 
     @cached_property
     def slots(self) -> tuple[Slot, ...]:
@@ -89,7 +97,9 @@ class Structure:
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Stems of the output columns: temperature (per side), then displacement or angle."""
+        """Stems of the output columns: temperature (per side), then displacement or angle; or those of a system."""
+        if self.system:
+            return tuple(stem for stem, _ in self.system.channels)
         joined = [f"temperature_{s}" if s else "temperature" for s in self.sides] if self.thermal else []
         if self.mechanical:
             joined.append("angle" if len(self.sides) == 2 else "displacement")
@@ -122,7 +132,7 @@ class Structure:
     @property
     def is_linear(self) -> bool:
         """Only base mechanisms, which are linear in the states and in the effort."""
-        return all(m.is_base for m in self.mechanisms)
+        return self.system is None and all(m.is_base for m in self.mechanisms)
 
     def mechanism(self, name: str) -> Mechanism:
         """The mechanism of that name."""

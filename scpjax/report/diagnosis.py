@@ -35,6 +35,7 @@ _PLACES = {
     "drive": "the drive: between the recorded input and the wire",
     "thermoelectric": "the heat balance: what power comes in, what is stored and what is lost",
     "thermomechanical": "the force balance: what pulls, what resists, what gives way",
+    "balance": "the balances of the base model",
     "sensor": "the sensor: between the actuator and the number that was recorded",
 }
 

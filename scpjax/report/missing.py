@@ -58,7 +58,8 @@ def figure(latent: Latent, names: Sequence[str]) -> Figure:
             axis.set_xlabel("Time (s)")
     if latent.leading:
         axis = out.add_subplot(grid[:, 1])
-        words, unit_there, k = _UNITS[latent.depends_on[0][0]]
+        leading = latent.depends_on[0][0]
+        words, unit_there, k = _UNITS.get(leading, (leading.replace("_", " ").capitalize(), "SI", 1.0))
         for at, m, s in zip(latent.leading, latent.mean, latent.std, strict=True):
             sure = s < 3 * np.median(s)
             axis.errorbar(

@@ -104,7 +104,8 @@ def simulate(
     """
     z0 = model.initial() if initial is None else jnp.asarray(initial, model.theta.dtype)
     if method is None:
-        method = Exact() if model.structure.is_linear else Exponential()
+        own = model.structure.system
+        method = Exact() if model.structure.is_linear else Exponential(substeps=own.substeps if own else 1)
     if isinstance(method, Exact):
         from scpjax.simulate.linear import simulate_exact
 

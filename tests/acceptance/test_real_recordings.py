@@ -82,3 +82,29 @@ def test_electronic_oscillator(data_dir):
             errors.append(rmse(said, measured))
         print(f"Silverbox {name}: base {1e3 * errors[0]:.2f} mV, extended {1e3 * errors[1]:.4f} mV")
         assert errors[1] <= bar
+
+
+@all_cases
+def test_two_tanks(data_dir):
+    """From a base that is no actuator; val.csv is only predicted."""
+    from fits.tanks.run import BASE, overflows
+    from scpjax.physics.catalogue import forget
+    from scpjax.simulate.trial import use_base
+
+    folder = data_dir / "tanks"
+    try:
+        est = read_recording(folder / "est.csv")
+        d = diagnose([est], model=use_base(BASE).name)
+        assert {"torricelli_outflow", "upper_overflow"} <= {m.name for m in d.mechanisms}
+        unseen = read_recording(folder / "val.csv")
+        errors = []
+        for model in (d.base_model, d.model):
+            (said,) = predict(model, unseen, noise=d.base.noise)[1].values()
+            errors.append(rmse(said, unseen.outputs[:, 0]))
+        print(f"tanks val: base {errors[0]:.3f} V, extended {errors[1]:.3f} V")
+        full = est.time[est.outputs[:, 0] > 9.99]  # the lower sensor at its end: both tanks were full before
+        spells = overflows(d.model, est)["upper"]
+        assert any(a < full[0] < b for a, b in spells)
+        assert errors[1] < 0.35 * errors[0]
+    finally:
+        forget(BASE)

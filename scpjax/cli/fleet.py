@@ -1,0 +1,218 @@
+"""``scpjax fleet``: many actuators, fitted at once, or each diagnosed in turn."""
+
+from __future__ import annotations
+
+import dataclasses
+import glob
+import hashlib
+import json
+from argparse import Namespace
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import scpjax
+from scpjax.cli.inputs import read_files
+from scpjax.cli.program import Progress, check_folder, progress, say, staged, start
+from scpjax.errors import FitError, RecordingError, ScpjaxError
+from scpjax.recordings.recording import Recording
+
+EACH = "actuators"
+"""Folder below the output with a folder for every actuator diagnosed."""
+
+
+def run_fleet(arguments: Namespace) -> None:
+    """Fit, or diagnose, every actuator of a folder; one that cannot be read or fitted does not stop the others."""
+    out = check_folder(arguments.out)
+    if arguments.mechanism and not arguments.diagnose:
+        arguments.parser.error("--mechanism is tried in a diagnosis: add --diagnose")
+    actuators = find_actuators(arguments.where, out)
+    read: dict[str, list[Recording]] = {}
+    failed: dict[str, str] = {}
+    first: ScpjaxError | None = None
+    for name, files in actuators.items():
+        try:
+            read[name] = read_files(files, drive=arguments.drive, response=arguments.response)
+        except ScpjaxError as error:
+            failed[name], first = str(error), first or error
+    if not read:
+        assert first is not None
+        raise first
+    start()
+    model = _model(arguments)
+    if arguments.diagnose:
+        _diagnose_all(arguments, out, actuators, read, failed, model)
+    else:
+        _fit_all(arguments, out, actuators, read, failed, model)
+
+
+def _model(arguments: Namespace) -> str | None:
+    """The model asked for; the user's files are in the catalogue from now on."""
+    from scpjax.simulate.trial import use, use_base
+
+    model = arguments.model if arguments.base is None else use_base(arguments.base).name
+    for file in arguments.mechanism:
+        use(file)
+    return model
+
+
+def _fit_all(
+    arguments: Namespace,
+    out: Path,
+    actuators: dict[str, list[str]],
+    read: dict[str, list[Recording]],
+    failed: dict[str, str],
+    model: str | None,
+) -> None:
+    from scpjax.fit.fleet import fit_fleet
+    from scpjax.report.report import command_line, write_fleet
+
+    with progress(arguments) as show:
+        fleet = fit_fleet(list(read.values()), names=list(read), model=model, progress=show)
+        by_name = dict(zip(fleet.names, fleet.fits, strict=True)) | failed
+        fleet = dataclasses.replace(fleet, names=tuple(actuators), fits=tuple(by_name[n] for n in actuators))
+        if all(isinstance(f, str) for f in fleet.fits):
+            raise _none(actuators, str(fleet.fits[0]))
+        with staged(out) as folder:
+            write_fleet(fleet, folder, command=command_line(arguments.line))
+    failures = {n: f for n, f in zip(fleet.names, fleet.fits, strict=True) if isinstance(f, str)}
+    say(arguments, f"{len(actuators) - len(failures)} of {len(actuators)} actuators fitted")
+    _say_end(arguments, out, failures)
+
+
+def _none(actuators: dict[str, list[str]], why: str) -> FitError:
+    return FitError(f"none of {len(actuators)} actuators could be fitted; the first: {why}")
+
+
+def _say_end(arguments: Namespace, out: Path, failures: dict[str, str]) -> None:
+    for name, why in failures.items():
+        say(arguments, f"  {name}: {why}")
+    say(arguments, f"table: {out / 'fleet.csv'}\nreport: {out / 'report.html'}")
+
+
+def _diagnose_all(
+    arguments: Namespace,
+    out: Path,
+    actuators: dict[str, list[str]],
+    read: dict[str, list[Recording]],
+    failed: dict[str, str],
+    model: str | None,
+) -> None:
+    """Each actuator into a folder of its own, those that lie there already left alone; then the page of all."""
+    from scpjax.diagnose.fleet import Member, outliers, spreads, summary
+    from scpjax.report.fleet import write_fleet_diagnosis
+    from scpjax.report.report import command_line
+
+    members: dict[str, Member] = {}
+    kept = 0
+    with progress(arguments) as show:
+        for i, (name, recordings) in enumerate(read.items()):
+            mark = fingerprint(actuators[name], arguments)
+            content = finished(out / EACH / folder_name(name, actuators), mark)
+            kept += content is not None
+            try:
+                if content is None:
+                    place = out / EACH / folder_name(name, actuators)
+                    content = _diagnose_one(arguments, place, name, recordings, model, mark, show, (i, len(read)))
+                members[name] = Member(name, content)
+            except ScpjaxError as error:
+                failed[name] = str(error)
+            except KeyboardInterrupt as stop:
+                done = f"{len(members)} of {len(read)} actuators are in {out / EACH}; the same call goes on from there"
+                raise KeyboardInterrupt(done) from stop
+        every = [members.get(name) or Member(name, None, failed[name]) for name in actuators]
+        if not members:
+            raise _none(actuators, every[0].failure)
+        found = spreads(every)
+        with staged(out) as folder:
+            write_fleet_diagnosis(every, found, outliers(every, found), folder, command=command_line(arguments.line))
+    if kept:
+        say(arguments, f"{kept} actuators had been diagnosed before and were not diagnosed again")
+    for sentence in summary(every, found):
+        say(arguments, sentence)
+    for o in outliers(every, found):
+        say(arguments, f"  {o.name}: {o.says}")
+    _say_end(arguments, out, failed)
+
+
+def _diagnose_one(
+    arguments: Namespace,
+    place: Path,
+    name: str,
+    recordings: Sequence[Recording],
+    model: str | None,
+    mark: str,
+    show: Progress | None,
+    turn: tuple[int, int],
+) -> dict[str, Any]:
+    """Diagnose an actuator into its folder; the diagnosis as JSON."""
+    from scpjax.diagnose.diagnose import diagnose
+    from scpjax.report.report import command_line, write_diagnosis
+
+    def tell(text: str, fraction: float) -> None:
+        if show:
+            show(f"{name}: {text}", (turn[0] + fraction) / turn[1])
+
+    found = diagnose(recordings, model=model, progress=tell)
+    found = dataclasses.replace(found, settings={**found.settings, "fingerprint": mark})
+    with staged(place) as folder:
+        write_diagnosis(found, folder, recordings=recordings, command=command_line(arguments.line))
+    return json.loads((place / "diagnosis.json").read_text(encoding="utf-8"))
+
+
+def fingerprint(files: Sequence[str], arguments: Namespace) -> str:
+    """What a diagnosis depends on, as one number: the files and those beside them, how they are read, the version."""
+    digest = hashlib.sha256(scpjax.__version__.encode())
+    told = (arguments.model, arguments.drive, arguments.response)
+    digest.update(json.dumps(told).encode())
+    own = [f for f in (arguments.base, *arguments.mechanism) if f]
+    for file in (*files, *own):
+        for path in (Path(file), Path(file).with_suffix(".toml")):
+            if path.is_file():
+                digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def finished(folder: Path, mark: str) -> dict[str, Any] | None:
+    """The diagnosis in a folder if it is whole and of these very files; else None."""
+    try:
+        content = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
+        return content if content["settings"]["fingerprint"] == mark and (folder / "report.html").is_file() else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def folder_name(name: str, actuators: dict[str, list[str]]) -> str:
+    """A name as that of a folder, its own among all."""
+    plain = lambda n: "".join(c if c.isalnum() or c in "-_." else "_" for c in n).strip(".") or "actuator"  # noqa: E731
+    before = [plain(n) for n in list(actuators)[: list(actuators).index(name)]]
+    same = before.count(plain(name))
+    return plain(name) + "_" * same
+
+
+def find_actuators(where: str, out: Path) -> dict[str, list[str]]:
+    """Files of every actuator by name: subfolders with CSV files, and CSV files that lie side by side."""
+    path = Path(where)
+    if path.is_dir():
+        matches = [p for p in sorted(path.iterdir()) if not p.name.startswith(".")]
+    else:
+        matches = [Path(p) for p in sorted(glob.glob(where, recursive=True))]
+    found: dict[str, list[str]] = {}
+    for match in matches:
+        if match.is_dir() and match.resolve() != out.resolve():
+            files = sorted(str(p) for p in match.glob("*.csv"))
+            if files:
+                found[_free_name(match.name, match, found)] = files
+        elif match.suffix.lower() == ".csv" and match.is_file():
+            found[_free_name(match.stem, match, found)] = [str(match)]
+    if not found:
+        if not matches and not path.exists():
+            raise RecordingError("no such folder, and no file matches", where=where, mend="check the name")
+        raise RecordingError(
+            "no CSV files and no subfolders with CSV files", where=where, mend="name a folder of recordings"
+        )
+    return found
+
+
+def _free_name(name: str, path: Path, taken: dict[str, list[str]]) -> str:
+    return name if name not in taken else f"{path.parent.name}/{name}"

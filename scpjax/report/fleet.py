@@ -1,0 +1,227 @@
+"""The page of a fleet that was diagnosed: which effects in which, what spreads, what is not like the others."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+import scpjax
+from scpjax.diagnose.fleet import Member, Outlier, Spread, effects, summary
+from scpjax.fit.result import Estimate
+from scpjax.recordings.files import write_text
+from scpjax.report import bars, page, plot
+from scpjax.report.numbers import column, number, percent, unit
+from scpjax.report.pieces import heading, reproduce, sentence, title, write_figures, write_json, write_page
+from scpjax.report.plot import EXTENDED, FAINT, GRID, TEXT, new_figure
+
+_VERDICTS = {"adequate": "#00734f", "explained": EXTENDED, "unexplained": "#a63d00"}
+_MANY = 60  # actuators, with more of which rows carry no names
+
+
+def write_fleet_diagnosis(
+    members: Sequence[Member],
+    found: Sequence[Spread],
+    odd: Sequence[Outlier],
+    out_dir: str | Path,
+    *,
+    command: str = "",
+) -> Path:
+    """Write fleet.csv (a row per actuator), fleet.json, figures/*.png and report.html; the path of the report."""
+    out = Path(out_dir)
+    write_json(out / "fleet.json", _json(members, found, odd))
+    write_text(out / "fleet.csv", _csv(members))
+    whole = [m for m in members if m.content is not None]
+    unlike = page.bullets([f"{o.name}: {sentence(o.says)}" for o in odd])
+    shapes = {"effects": plot.png(matrix(whole))}
+    values = {s.key: [_estimate(m.parameters.get(s.key)) for m in whole] for s in found}
+    if values:
+        shapes["spread"] = plot.png(bars.spread(values, [m.name for m in whole]))
+    write_figures(out, shapes)
+    says = summary(members, found)
+    left = sum(m.verdict == "unexplained" for m in whole)
+    failed = [m for m in members if m.content is None]
+    badge = f"{len(whole)} diagnosed" + (f", {len(failed)} not" if failed else "")
+    seconds = sum(float((m.content or {}).get("seconds", 0.0)) for m in whole)
+    body = [
+        heading("Fleet", badge, "unexplained" if left or failed else "explained", says[0], ""),
+        *(page.text(s) for s in says[1:]),
+        page.section("Which effects are in which", page.figure(shapes["effects"], _EFFECTS), _effects_table(whole)),
+        page.section("Not like the others", unlike or _none(whole)),
+        page.section(
+            "How the parameters spread",
+            _spread_table(found),
+            page.text(_SPREAD, "small soft") if found else "",
+            page.figure(shapes["spread"], _VALUES) if values else "",
+        ),
+        page.section("Each actuator", _each(whole)),
+        page.section("Not diagnosed", page.bullets([f"{m.name}: {m.failure}" for m in failed])),
+        reproduce(command, {}, seconds, ()),
+    ]
+    return write_page(out, "scpjax fleet: diagnosed", body)
+
+
+_EFFECTS = (
+    "Each row is an actuator, each column a mechanism named in at least one. Dark: named, with its probability; light: "
+    "could stand in for one that was named."
+)
+_SPREAD = (
+    "Scatter: what is left of the spread between actuators when the errors of the estimates are taken out, as a share "
+    "of the median. p: of values this far apart or farther if all actuators were the same (Cochran's Q)."
+)
+_VALUES = "Each actuator's value with its 95 % interval; the dashed line is the median."
+
+
+def matrix(members: Sequence[Member]) -> Figure:
+    """Actuators by mechanisms: what was named in which, and the verdict at the right."""
+    named = list(effects(members))
+    rows, columns = len(members), len(named)
+    few = rows <= _MANY
+    tall = max(0.24 * rows, 0.6) if few else min(0.06 * rows + 2, 9.0)
+    figure = new_figure(8.6, tall + 1.35)
+    left, right = 0.2 if few else 0.07, 0.97
+    axis = figure.add_axes((left, 0.12 / figure.get_figheight(), right - left, tall / figure.get_figheight()))
+    for j, name in enumerate(named):
+        for i, m in enumerate(members):
+            chance = m.effects.get(name)
+            if chance is not None:
+                axis.add_patch(_cell(j, i, EXTENDED, 0.35 + 0.65 * min(max(chance, 0.0), 1.0)))
+                if few:
+                    words = percent(chance)
+                    axis.text(j, i, words, ha="center", va="center", fontsize=7, color="white")
+            elif name in m.equivalents:
+                axis.add_patch(_cell(j, i, EXTENDED, 0.18))
+    for i, m in enumerate(members):
+        axis.add_patch(_cell(columns + 0.25, i, _VERDICTS.get(m.verdict, FAINT), 1.0))
+        if few:
+            axis.text(columns + 0.25, i, m.verdict, ha="center", va="center", fontsize=6.5, color="white")
+    axis.set_xlim(-0.5, columns + 0.75)
+    axis.set_ylim(rows - 0.5, -0.5)
+    axis.set_xticks([*range(columns), columns + 0.25], [*(title(n) for n in named), "verdict"], rotation=30, ha="left")
+    axis.xaxis.tick_top()
+    axis.set_yticks(range(rows) if few else [], [m.name for m in members] if few else [])
+    if not few:
+        axis.set_ylabel(f"{rows} actuators", color=TEXT, fontsize=8.5)
+        handles = [Patch(color=c, label=v) for v, c in _VERDICTS.items()]
+        figure.legend(handles=handles, fontsize=7, loc="upper left", frameon=False, title="verdict", title_fontsize=7)
+    axis.tick_params(length=0, labelsize=8, colors=TEXT)
+    for side in axis.spines.values():
+        side.set_color(GRID)
+    return figure
+
+
+def _cell(x: float, y: float, colour: str, strength: float) -> Any:
+    from matplotlib.patches import Rectangle
+
+    return Rectangle((x - 0.47, y - 0.42), 0.94, 0.84, facecolor=colour, alpha=strength, lw=0)
+
+
+def _estimate(e: Mapping[str, Any] | None) -> Estimate | None:
+    """An estimate out of a file, None where it has no value."""
+    if e is None or e["value"] is None:
+        return None
+    std, low, high = (math.nan if e[k] is None else float(e[k]) for k in ("std", "low", "high"))
+    return Estimate(float(e["value"]), std, str(e["unit"]), low, high, at_limit=bool(e.get("at_limit")))
+
+
+def _none(whole: Sequence[Member]) -> str:
+    few = len(whole) < 5
+    return page.text("Too few actuators to tell." if few else "None: every actuator is like the others.")
+
+
+def _effects_table(whole: Sequence[Member]) -> str:
+    rows = []
+    for name, having in effects(whole).items():
+        stands = [m.name for m in whole if name in m.equivalents and name not in m.effects]
+        chance = [m.effects[name] for m in whole if name in m.effects]
+        rows.append(
+            (title(name), name, f"{len(having)} of {len(whole)}", percent(min(chance)), ", ".join(stands) or "–")
+        )
+    head = ("Effect", "Name", "Named in", "Least probability", "Could stand in, too, in")
+    return page.table(head, rows, (2, 3), tight=(1,))
+
+
+def _spread_table(found: Sequence[Spread]) -> str:
+    rows = []
+    for s in found:
+        ends = (number(float(s.values.min())), number(float(s.values.max())))
+        error = s.std[np.isfinite(s.std)]
+        typical = number(float(np.median(error)), 2) if error.size else "–"
+        scatter = percent(s.relative) if s.relative < 1e3 else "–"
+        rows.append((s.key, unit(s.unit), str(len(s.values)), number(s.median), *ends, typical, scatter, _p(s)))
+    head = ("Parameter", "Unit", "In", "Median", "Least", "Greatest", "Typical error", "Scatter", "p")
+    return page.table(head, rows, (2, 3, 4, 5, 6, 7, 8))
+
+
+def _p(s: Spread) -> str:
+    return "–" if np.isfinite(s.std).sum() < 2 else "< 0.001" if s.differs < 1e-3 else f"{s.differs:.3f}"
+
+
+def _each(whole: Sequence[Member]) -> str:
+    rows = []
+    for m in whole:
+        assert m.content is not None
+        errors = []
+        for name, before in m.content["base"]["held_out"].items():
+            after = m.content["extended"]["held_out"].get(name, before)
+            words, u = column(name)
+            noise = m.content["base"]["noise"].get(name)
+            beside = "" if noise is None else f", noise {number(noise, 2)}"
+            errors.append(f"{words.lower()} {number(before['rmse'])} → {number(after['rmse'])}{beside} {u}".rstrip())
+        named = [
+            n + (f" ({x['law']})" if x["law"] else "") + "".join(f" or {e}" for e in x["equivalents"])
+            for n, x in _named(m).items()
+        ]
+        rows.append((m.name, m.verdict, ", ".join(named) or "–", "; ".join(errors)))
+    return page.table(("Actuator", "Verdict", "Left out", "Held-out error, base → extended"), rows, tight=(0, 1))
+
+
+def _named(m: Member) -> dict[str, Mapping[str, Any]]:
+    return {x["name"]: x for x in (m.content or {}).get("mechanisms", [])}
+
+
+def _json(members: Sequence[Member], found: Sequence[Spread], odd: Sequence[Outlier]) -> dict[str, Any]:
+    every = {
+        m.name: {"failure": m.failure}
+        if m.content is None
+        else {k: m.content[k] for k in ("verdict", "says", "mechanisms", "parameters", "base", "extended", "seconds")}
+        for m in members
+    }
+    return {
+        "schema": "scpjax.fleet/1",
+        "version": scpjax.__version__,
+        "seconds": sum(float(v.get("seconds", 0.0)) for v in every.values()),
+        "says": list(summary(members, found)),
+        "actuators": every,
+        "effects": {k: list(v) for k, v in effects(members).items()},
+        "outliers": [vars(o) for o in odd],
+        "spread": {
+            s.key: {"unit": s.unit, "median": s.median, "n": len(s.values), "scatter": s.relative, "p": s.differs}
+            for s in found
+        },
+    }
+
+
+def _csv(members: Sequence[Member]) -> str:
+    keys = list(dict.fromkeys(k for m in members for k in m.parameters))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    cells = [part for k in keys for part in (k, f"{k}_std")]
+    writer.writerow(["actuator", "status", "verdict", "mechanisms", *cells, "message"])
+    for m in members:
+        if m.content is None:
+            writer.writerow([m.name, "failed", "", "", *[""] * len(cells), m.failure])
+            continue
+        row: list[object] = [m.name, "ok", m.verdict, " ".join(m.effects)]
+        for key in keys:
+            e = m.parameters.get(key, {})
+            row += ["" if e.get(part) is None else repr(float(e[part])) for part in ("value", "std")]
+        writer.writerow([*row, m.content["says"]])
+    return text.getvalue()

@@ -1,0 +1,107 @@
+"""``scpjax fleet --diagnose``: a page of all, one folder each, and a call that was stopped goes on where it was."""
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made import made_diagnosis
+
+from scpjax.cli import main
+from scpjax.diagnose import diagnose as room
+from scpjax.errors import FitError
+
+FLEET = ("fleet", "rig", "--out", "out", "--diagnose")
+
+
+@pytest.fixture
+def rig(tmp_path, monkeypatch):
+    """Six actuators, one of them unreadable; diagnoses are made by hand, and listed in what is given."""
+    monkeypatch.chdir(tmp_path)
+    rows = "\n".join(f"{0.1 * i:.1f},{i % 7},{np.sin(i):.3f}" for i in range(40))
+    for i, name in enumerate(("a", "b", "c", "d", "e")):
+        Path("rig", name).mkdir(parents=True)
+        Path("rig", name, "step.csv").write_text(f"time_s,voltage_V,displacement_mm\n{rows}\n0{i}9.0,1,1\n")
+    Path("rig/broken.csv").write_text("time_s,voltage_V\n")
+    asked: list[str] = []
+
+    def diagnose(recordings, **options):
+        name = Path(recordings[0].metadata.path).parent.name
+        asked.append(name)
+        if name == "d":
+            raise FitError("the drive never changes")
+        return made_diagnosis(
+            recordings[0], stiffness=200.0 if name == "e" else 100.0, named="" if name == "b" else "creep"
+        )
+
+    monkeypatch.setattr(room, "diagnose", diagnose)
+    return asked
+
+
+def test_the_page_says_what_is_in_which(rig, capsys):
+    assert main([*FLEET]) == 0
+    said = capsys.readouterr().out
+    assert "4 of 6 actuators were diagnosed: 1 adequate, 3 explained." in said
+    assert "Left out of the base model: creep in 3." in said
+    assert "  d: the drive never changes" in said
+    content = json.loads(Path("out/fleet.json").read_text())
+    assert content["schema"] == "scpjax.fleet/1"
+    assert content["effects"] == {"creep": ["a", "c", "e"]}
+    assert content["spread"]["elastic_spring.stiffness"]["p"] < 1e-6
+    assert set(content["actuators"]) == {"a", "b", "c", "d", "e", "broken"}
+    rows = {r["actuator"]: r for r in csv.DictReader(Path("out/fleet.csv").read_text().splitlines())}
+    assert rows["e"]["elastic_spring.stiffness"] == "200.0"
+    assert rows["b"]["mechanisms"] == ""
+    assert rows["d"]["status"] == "failed"
+    page = Path("out/report.html").read_text()
+    for words in ("Which effects are in which", "How the parameters spread", "Not diagnosed", "broken.csv", "3 of 4"):
+        assert words in page
+    assert not re.search(r"https?://|<script|<link", page)
+    for name in ("a", "b", "c", "e"):
+        assert (Path("out/actuators") / name / "report.html").is_file()
+    assert not Path("out/actuators/d").exists()
+
+
+def test_what_lies_there_is_not_diagnosed_again(rig, capsys):
+    assert main([*FLEET]) == 0
+    first = Path("out/report.html").read_text()
+    rig.clear()
+    assert main([*FLEET]) == 0
+    assert rig == ["d"], "only what failed is tried again"
+    assert "4 actuators had been diagnosed before" in capsys.readouterr().out
+    assert Path("out/report.html").read_text() == first
+    rig.clear()
+    with Path("rig/c/step.csv").open("a") as file:
+        file.write("60.0,1,1\n")
+    Path("out/actuators/a/diagnosis.json").write_text('{"half')
+    assert main([*FLEET]) == 0
+    assert rig == ["a", "c", "d"], "a changed recording and half a file are done anew"
+
+
+def test_a_call_that_is_stopped_keeps_what_it_has(rig, monkeypatch, capsys):
+    whole = room.diagnose
+
+    def stopped(recordings, **options):
+        if "/c/" in recordings[0].metadata.path:
+            raise KeyboardInterrupt
+        return whole(recordings, **options)
+
+    monkeypatch.setattr(room, "diagnose", stopped)
+    assert main([*FLEET]) == 130
+    assert "2 of 5 actuators are in out/actuators; the same call goes on from there" in capsys.readouterr().err
+    assert not Path("out/report.html").exists()
+    monkeypatch.setattr(room, "diagnose", whole)
+    rig.clear()
+    assert main([*FLEET, "--quiet"]) == 0
+    assert rig == ["c", "d", "e"]
+
+
+def test_nothing_to_diagnose_is_one_line(rig, capsys):
+    assert main(["fleet", "rig/d", "--out", "out", "--diagnose"]) == 2
+    assert capsys.readouterr().err.strip() == (
+        "scpjax: none of 1 actuators could be fitted; the first: the drive never changes"
+    )
+    assert main(["fleet", "rig", "--out", "out", "--mechanism", "x.py"]) == 2
+    assert "add --diagnose" in capsys.readouterr().err
