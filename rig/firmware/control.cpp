@@ -98,7 +98,7 @@ Outcome step(float degrees) {
         const float error = static_cast<int16_t>(entry) * 0.01f - degrees;
         const float dt = ticks_per_entry * TICK_S;
         counts[0] = count_of(pids[0].step(1.0f, error, dt));
-        counts[1] = count_of(pids[1].step(-1.0f, error, dt));
+        counts[1] = safety::get(P_channels) < 2.0f ? 0 : count_of(pids[1].step(-1.0f, error, dt));
     }
     return GOING;
 }

@@ -16,7 +16,7 @@ using safety::Fault;
 
 constexpr uint8_t ECHO_TICKS = 12;         // 60 ms, so that no echo meets the next ping
 constexpr uint8_t CALIBRATION_TICKS = 64;
-constexpr uint8_t FRAME = 53, SPARE = 96;  // bytes; the stream leaves room for replies
+constexpr uint8_t FRAME = 53, SPARE = 36;  // bytes; the stream leaves room for a reply
 constexpr uint8_t POTENTIOMETER = 0, ECHO = 1;
 
 Fault fault = Fault::NONE;
@@ -115,7 +115,9 @@ Status start(const Command& command, control::Mode mode) {
     if (fault) return protocol::FAULTY;
     if (control::mode() != control::IDLE) return protocol::BUSY;
     if (command.fields[0] > 255 || command.fields[1] > 0xffff) return protocol::OUT_OF_RANGE;
-    return control::start(mode, command.fields[0], command.fields[1]) ? protocol::OK : protocol::BAD_ARGUMENTS;
+    if (!control::start(mode, command.fields[0], command.fields[1])) return protocol::BAD_ARGUMENTS;
+    stream_wait = 0;  // in step with the table, so that a sample shows what the controller saw
+    return protocol::OK;
 }
 
 Status hold(const Command& command) {

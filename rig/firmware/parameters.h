@@ -20,4 +20,5 @@
     X(model_resistance, MODEL_RESISTANCE_OHM, 0.01f, 1e6f, LOWER)              \
     X(model_conductance, MODEL_CONDUCTANCE_W_PER_K, 1e-4f, 1e6f, LOWER)        \
     X(model_thermal_mass, MODEL_THERMAL_MASS_J_PER_K, 1e-2f, 1e6f, LOWER)      \
-    X(model_ambient, MODEL_AMBIENT_C, -40.0f, 1000.0f, RAISE)
+    X(model_ambient, MODEL_AMBIENT_C, -40.0f, 1000.0f, RAISE)          \
+    X(channels, 2.0f, 1.0f, 2.0f, FREE)

@@ -97,13 +97,15 @@ static void on_trigger(avr_irq_t *irq, uint32_t value, void *param) {
 }
 
 static avr_cycle_count_t turn(avr_t *avr, avr_cycle_count_t when, void *param) {
-    static const uint8_t A[4] = {0, 1, 1, 0}, B[4] = {0, 0, 1, 1};
+    static const uint8_t A[4] = {1, 0, 0, 1}, B[4] = {1, 1, 0, 0}; /* at 0 both are pulled up */
     board_t *b = param;
-    (void)avr;
     if (b->encoder != b->encoder_wanted) {
         b->encoder += b->encoder < b->encoder_wanted ? 1 : -1;
-        avr_raise_irq(b->encoder_a, A[b->encoder & 3]);
-        avr_raise_irq(b->encoder_b, B[b->encoder & 3]);
+        const uint8_t a = A[b->encoder & 3], c = B[b->encoder & 3];
+        avr_ioport_external_t pins = {.name = 'D', .mask = 0x14, .value = a << 2 | c << 4};
+        avr_ioctl(avr, AVR_IOCTL_IOPORT_SET_EXTERNAL('D'), &pins); /* or every write to PORTD pulls them up again */
+        avr_raise_irq(b->encoder_a, a);
+        avr_raise_irq(b->encoder_b, c);
     }
     return when + CLOCK / 20000;
 }

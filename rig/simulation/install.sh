@@ -1,0 +1,14 @@
+#!/usr/bin/env bash
+# What the simulated bench needs of Debian (or Ubuntu): the AVR's compiler and C library, simavr, make and a C compiler.
+set -euo pipefail
+packages=(gcc make libc6-dev gcc-avr avr-libc libsimavr-dev)
+as_root() { if [[ $(id -u) -eq 0 ]]; then "$@"; else sudo "$@"; fi; }
+missing=()
+for package in "${packages[@]}"; do
+    dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q "install ok installed" || missing+=("$package")
+done
+if [[ ${#missing[@]} -gt 0 ]]; then
+    as_root apt-get update -qq
+    as_root apt-get install -y -qq --no-install-recommends "${missing[@]}"
+fi
+make -s -C "$(dirname "${BASH_SOURCE[0]}")" all
