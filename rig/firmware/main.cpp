@@ -16,7 +16,7 @@ using safety::Fault;
 
 constexpr uint8_t ECHO_TICKS = 12;         // 60 ms, so that no echo meets the next ping
 constexpr uint8_t CALIBRATION_TICKS = 64;
-constexpr uint8_t FRAME = 53, SPARE = 36;  // bytes; the stream leaves room for a reply
+constexpr uint8_t FRAME = 49, SPARE = 36;  // bytes; the stream leaves room for a reply
 constexpr uint8_t POTENTIOMETER = 0, ECHO = 1;
 
 Fault fault = Fault::NONE;
@@ -202,11 +202,9 @@ void stream() {
     }
     stream_wait = stream_every - 1;
     if (!protocol::begin('D', stamp, FRAME + SPARE)) return;
-    protocol::field(control::driven()[0], 2);
-    protocol::field(control::driven()[1], 2);
-    protocol::field(control::mode() | fault << 2 | safety::fitted() << 6, 2);
-    protocol::field(hardware::input(0), 3);
-    protocol::field(hardware::input(1), 3);
+    const uint32_t driven = static_cast<uint32_t>(control::driven()[0]) << 8 | control::driven()[1];
+    protocol::field(driven << 8 | control::mode() | fault << 2 | safety::fitted() << 6, 6);
+    protocol::field(static_cast<uint32_t>(hardware::input(0)) << 12 | hardware::input(1), 6);
     protocol::field(position(), 4);
     protocol::field(hardware::input(3), 3);
     protocol::end();

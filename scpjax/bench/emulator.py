@@ -302,8 +302,7 @@ class Board:
         self.stream_wait = self.stream_every - 1
         s, (a, b) = self.inputs.sums, self.driven
         flags = self.mode | self.fault << 2 | self.fitted << 6
-        self._send("D", f"{a:02X}", f"{b:02X}", f"{flags:02X}", f"{s[0]:03X}", f"{s[1]:03X}",
-                   f"{self._position():04X}", f"{s[3]:03X}")  # fmt: skip
+        self._send("D", f"{a:02X}{b:02X}{flags:02X}", f"{s[0]:03X}{s[1]:03X}", f"{self._position():04X}", f"{s[3]:03X}")
 
     # -- protocol ------------------------------------------------------------------------------------------------
 

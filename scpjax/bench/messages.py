@@ -143,9 +143,10 @@ def _banner(sequence: int, stamp: int, f: tuple[str, ...]) -> Banner:
 
 
 def _sample(sequence: int, stamp: int, f: tuple[str, ...]) -> Sample:
-    a, b, flags, t1, t2, position, current = (int(x, 16) for x in f)
-    mode, fault, fitted = flags & 3, flags >> 2 & 15, flags >> 6
-    return Sample(sequence, stamp, (a, b), mode, fault, fitted, (t1, t2), position, current)
+    driven, thermistors, position, current = (int(x, 16) for x in f)
+    mode, fault, fitted = driven & 3, driven >> 2 & 15, driven >> 6 & 3
+    pwm, warm = (driven >> 16, driven >> 8 & 0xFF), (thermistors >> 12, thermistors & 0xFFF)
+    return Sample(sequence, stamp, pwm, mode, fault, fitted, warm, position, current)
 
 
 def _reply(sequence: int, stamp: int, f: tuple[str, ...]) -> Reply:
@@ -167,7 +168,7 @@ def _resistance(sequence: int, stamp: int, f: tuple[str, ...]) -> Resistance:
 
 _READERS: dict[str, tuple[tuple[int, ...], Callable[..., Message]]] = {
     "B": ((0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0), _banner),
-    "D": ((2, 2, 2, 3, 3, 4, 3), _sample),
+    "D": ((6, 6, 4, 3), _sample),
     "A": ((4, 1, 8), _reply),
     "E": ((2, 1), _event),
     "K": ((6, 6, 6, 6), _calibration),
