@@ -178,6 +178,7 @@ Status obey(const Command& command, uint32_t& value) {
         case 'F': return clear();
         case 'X':
             if (command.fields[0] != 0xdead) return protocol::BAD_ARGUMENTS;
+            if (!safety::may_hang()) return protocol::FAULTY;
             hardware::hang();
     }
     return protocol::OK;

@@ -143,6 +143,15 @@ bool may_clear() {
     return current_for == 0;
 }
 
+bool may_hang() {
+    const float joules = HANG_S * power(255);
+    for (uint8_t c = 0; c < CHANNELS; ++c) {
+        if (memory.temperature[c] + joules / values[P_model_thermal_mass] >= cut_out() || hot_for[c]) return false;
+        if (memory.energy[c] + joules >= values[P_max_energy] || memory.on[c] + HANG_S >= values[P_max_on]) return false;
+    }
+    return true;
+}
+
 void look_for_sensors() {
     for (uint8_t c = 0; c < CHANNELS; ++c) {
         if (plausible(c)) fitted_mask |= 1 << c;

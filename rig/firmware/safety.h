@@ -38,6 +38,8 @@ bool set(uint8_t parameter, float value);
 Fault watch(const uint8_t driven[hardware::CHANNELS], uint8_t& channel);
 bool may_clear();            // whether all that a fault guards has recovered
 
+bool may_hang();             // whether the watchdog's test leaves every limit unmet
+
 void look_for_sensors();     // thermistors that read plausibly count from now on
 uint8_t fitted();            // a bit for each
 float temperature(uint8_t channel);  // estimate, degC

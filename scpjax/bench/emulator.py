@@ -227,6 +227,15 @@ class Board:
                 return False
         return self.current_for == 0
 
+    def _may_hang(self) -> bool:
+        mem, joules = self._memory, _HANG_S * self._power(255)
+        for c in range(CHANNELS):
+            if mem.temperature[c] + joules / self._get("model_thermal_mass") >= self.cut_out or self.hot_for[c]:
+                return False
+            if mem.energy[c] + joules >= self._get("max_energy") or mem.on[c] + _HANG_S >= self._get("max_on"):
+                return False
+        return True
+
     # -- control -------------------------------------------------------------------------------------------------
 
     def _stop(self) -> None:
@@ -454,6 +463,8 @@ class Board:
     def _do_hang(self, f: list[int]) -> int:
         if f[0] != 0xDEAD:
             return m.BAD_ARGUMENTS
+        if not self._may_hang():
+            return m.FAULTY
         self.hanging = _HANG_TICKS
         return m.OK
 

@@ -59,6 +59,11 @@ class Decoder:
     _line: bytearray = field(default_factory=bytearray)
     _inside: bool = False
 
+    @property
+    def pending(self) -> bytes:
+        """The beginning of a frame that is not whole yet."""
+        return b"$" + bytes(self._line) if self._inside else b""
+
     def feed(self, data: bytes) -> list[Frame]:
         """Frames that these bytes complete."""
         frames: list[Frame] = []

@@ -23,6 +23,11 @@ class Clock:
     _last: int | None = None
     _us: int = 0
 
+    def restart(self, gap_s: float) -> None:
+        """The next stamp is of another beginning, ``gap_s`` after the last."""
+        self._last = None
+        self._us += round(1e6 * gap_s)
+
     def seconds(self, stamp: int, frames: int, period_s: float) -> float:
         """Time of a stamp that came ``frames`` after the last, at ``period_s`` for each at the most."""
         if self._last is not None:
@@ -95,10 +100,10 @@ class Quality:
         self.frames += 1
         return True
 
-    def restart(self) -> None:
-        """The board began anew: its numbers and clock with it."""
+    def restart(self, gap_s: float = 0.0) -> None:
+        """Numbers and clock of the board begin anew, ``gap_s`` after the last sample."""
         self._sequence = None
-        self.clock._last = None
+        self.clock.restart(gap_s)
         self._time = None
 
     def time_of(self, sample: Sample, arrival: float, period_s: float) -> float:

@@ -70,6 +70,7 @@ class Rig:
         self._cut: Event | None = None
         self._began: float | None = None
         self._time = 0.0
+        self._arrival: float | None = None
         self._every = self.options.every
         self._log: Log | None = None
         self._reader: threading.Thread | None = None
@@ -104,7 +105,7 @@ class Rig:
         self._failed, self._cut = None, None
         self._leaving.clear()
         self._decoder = Decoder()
-        self.quality.restart()
+        self.quality.restart(0.0 if self._arrival is None else max(self.device.now() - self._arrival, TICK_S))
         if not self.device.lock_step:
             self._reader = threading.Thread(target=self._read_on, name="scpjax-rig-reader", daemon=True)
             self._reader.start()
@@ -201,7 +202,7 @@ class Rig:
         data = self.device.read(timeout)
         if not data:
             return
-        arrival = self.device.now()
+        arrival = self._arrival = self.device.now()
         with self._news:
             failed: ScpjaxError | None = None
             if self._log is not None:
@@ -432,6 +433,7 @@ class Rig:
         self.end_recording()
         log = Log(path, self.wiring, title=title, known=known)
         with self._news:
+            log.raw(self._decoder.pending)
             self._began = None
             self._log = log
         return log
