@@ -235,7 +235,11 @@ void begin_tick() {
     }
 }
 
+// What is to be applied is charged to the actuators first: nothing that comes later can take it back.
 void end_tick() {
+    const float degrees = safety::get(P_position_scale) * (counts_of_position() - safety::get(P_position_zero));
+    const control::Outcome how = control::step(degrees);
+    if (how != control::GOING) event(how == control::ENDED ? Fault::TABLE_END : Fault::UNDERRUN, 0);
     uint8_t channel;
     const Fault met = safety::watch(control::driven(), channel);
     if (host_age < 0xffff) ++host_age;
@@ -247,9 +251,6 @@ void end_tick() {
         off();
         event(Fault::HOST_TIMEOUT, 0);
     }
-    const float degrees = safety::get(P_position_scale) * (counts_of_position() - safety::get(P_position_zero));
-    const control::Outcome how = control::step(degrees);
-    if (how != control::GOING) event(how == control::ENDED ? Fault::TABLE_END : Fault::UNDERRUN, 0);
     apply();
     calibrate_tick();
     stream();

@@ -91,7 +91,11 @@ class PortDevice(AbstractDevice):
             port.timeout = timeout
             first = port.read(1)
             return first + port.read(port.in_waiting) if first else b""
-        except (OSError, TypeError, AttributeError) as error:  # pyserial's own is an OSError; the others: closed under it
+        except (
+            OSError,
+            TypeError,
+            AttributeError,
+        ) as error:  # pyserial's own is an OSError; the others: closed under it
             raise PortLost("the port is gone", where=self.name, mend="plug the board in again") from error
 
     def write(self, data: bytes) -> None:
@@ -273,4 +277,3 @@ def find_port() -> str:
     if len(there) > 1:
         raise BenchError(f"{len(there)} ports: {', '.join(there)}", mend="choose one with --port")
     return there[0]
-

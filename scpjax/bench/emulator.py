@@ -52,7 +52,8 @@ class Memory:
 class Board:
     """One board: `receive` takes bytes from the host, `tick` passes 5 ms and gives the bytes for it.
 
-    ``driven`` holds the PWM counts at the pins. Until the first `tick` after a reset nothing is sent.
+    ``driven`` holds the PWM counts at the pins, ``counts`` those from the next tick on: what is to be applied is charged
+    to the actuators first, so that nothing that comes later can take it back. Until the first `tick` after a reset nothing is sent.
     """
 
     def __init__(self, config: BoardConfig | None = None, version: str = "1.0.0", protocol: int = m.PROTOCOL):
@@ -71,7 +72,7 @@ class Board:
         self.resets += 1
         self.cause = cause
         self.values = list(self._start)
-        self.driven = [0, 0]
+        self.driven, self.counts = [0, 0], [0, 0]
         self.mode, self.fault = m.IDLE, m.NO_FAULT
         self.table: deque[int] = deque()
         self.given = self.taken = self.entries = 0
@@ -129,8 +130,9 @@ class Board:
             self._boot(inputs)
             return self._sent()
         self.sensed, self.sense = self.sense, None
-        self._watch()
         self._step()
+        self._watch()
+        self.driven = list(self.counts)
         self._calibrate_tick()
         self._stream()
         if self.sensed is not None:
@@ -184,8 +186,8 @@ class Board:
     def _watch(self) -> None:
         mem = self._memory
         for c in range(CHANNELS):
-            self._heat(c, self.driven[c], TICK_S)
-            mem.driven[c] = self.driven[c]
+            self._heat(c, self.counts[c], TICK_S)
+            mem.driven[c] = self.counts[c]
             seen = self.fitted >> c & 1
             hot = seen and self.inputs.sums[c] >= self.hot_sum
             lost = seen and not self._plausible(c)
@@ -242,7 +244,7 @@ class Board:
         self.mode = m.IDLE
         self.table.clear()
         self.given = self.taken = self.entries = 0
-        self.driven = [0, 0]
+        self.driven, self.counts = [0, 0], [0, 0]
 
     def _step(self) -> None:
         if self.mode not in (m.PLAY, m.LOOP):
@@ -259,14 +261,14 @@ class Board:
         self.taken += 1
         self.wait = self.per_entry - 1
         if self.mode == m.PLAY:
-            self.driven = [entry >> 8, entry & 0xFF]
+            self.counts = [entry >> 8, entry & 0xFF]
             return
         reference = (entry - 0x10000 if entry & 0x8000 else entry) * 0.01
         degrees = self._get("position_scale") * (self._counts_of_position() - self._get("position_zero"))
         dt = self.per_entry * TICK_S
         sides = ((0, 1.0), (1, -1.0))[: int(self._get("channels"))]
-        self.driven = [self._count_of(self._pid(c, sign, reference - degrees, dt)) for c, sign in sides]
-        self.driven += [0] * (CHANNELS - len(sides))
+        self.counts = [self._count_of(self._pid(c, sign, reference - degrees, dt)) for c, sign in sides]
+        self.counts += [0] * (CHANNELS - len(sides))
 
     def _pid(self, c: int, sign: float, error: float, dt: float) -> float:
         """Thesis (3.16)-(3.18), forward Euler; the clamp as in `scpjax.control.pid`."""
@@ -386,7 +388,7 @@ class Board:
             return m.BUSY
         if max(f) > 255:
             return m.OUT_OF_RANGE
-        self.mode, self.driven = m.HOLD, list(f)
+        self.mode, self.counts = m.HOLD, list(f)
         return m.OK
 
     def _do_rate(self, f: list[int]) -> int:
@@ -418,7 +420,7 @@ class Board:
         if not self.table or f[0] == 0 or f[1] == 0:
             return m.BAD_ARGUMENTS
         self.mode, self.per_entry, self.entries, self.wait = mode, f[0], f[1], 0
-        self.driven, self.pids = [0, 0], [[0.0, 0.0], [0.0, 0.0]]
+        self.counts, self.pids = [0, 0], [[0.0, 0.0], [0.0, 0.0]]
         self.stream_wait = 0  # in step with the table, so that a sample shows what the controller saw
         return m.OK
 

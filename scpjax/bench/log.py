@@ -25,7 +25,9 @@ class Log:
     **Raises** `BenchError` where a file cannot be written (a full disk too) or is there already.
     """
 
-    def __init__(self, path: str | os.PathLike[str], wiring: Wiring, *, title: str = "", known: dict[str, float] | None = None):
+    def __init__(
+        self, path: str | os.PathLike[str], wiring: Wiring, *, title: str = "", known: dict[str, float] | None = None
+    ):
         self.path = Path(path)
         if self.path.suffix.lower() != ".csv":
             raise BenchError("is no CSV file name", where=str(path), mend="end it in .csv")

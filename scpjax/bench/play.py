@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -120,12 +121,57 @@ def set_gains(rig: Rig, controller: Controller) -> None:
     for name, value in wanted.items():
         found = rig.set(name, value)
         if abs(found - value) > 1e-5 * max(1.0, abs(value)):
-            raise BenchError(f"{name} is {found:g} on the board, not {value:g}", where=rig.device.name, mend="try again")
+            raise BenchError(
+                f"{name} is {found:g} on the board, not {value:g}", where=rig.device.name, mend="try again"
+            )
 
 
 def _is_opposite(pair: Pair) -> bool:
     a, b = pair.agonist.gains, pair.antagonist.gains
     return all(abs(float(a[k]) + float(b[k])) < 1e-9 for k in ("Kp", "Ki", "Kd")) and float(a["N"]) == float(b["N"])
+
+
+@dataclass(frozen=True)
+class Followed:
+    """A closed loop as it was: ``time`` [s], ``reference`` and ``angle`` [rad] (n,), ``voltage`` [V] (n, sides)."""
+
+    time: np.ndarray
+    reference: np.ndarray
+    angle: np.ndarray
+    voltage: np.ndarray
+
+    @property
+    def rmse(self) -> float:
+        """Of the tracking error, rad."""
+        return float(np.sqrt(np.mean((self.reference - self.angle) ** 2)))
+
+
+def follow(
+    rig: Rig,
+    controller: Controller,
+    reference: Float[np.ndarray, " n"],
+    *,
+    every: int,
+    on: Literal["board", "host"] = "board",
+    watch: Watch | None = None,
+) -> Followed:
+    """Close the loop along a reference [rad], a value for each ``every`` ticks, on the board or here.
+
+    **Raises** `BenchError` for what the board's controller does not do, and as `Rig` does.
+    """
+    before = rig.options.every
+    rig.stream(every)
+    rig.unread()
+    if on == "host":
+        seen = [sample for _, sample, _ in loop_on_host(rig, controller, reference, watch=watch)]
+    else:
+        loop_on_board(rig, controller, reference, every, watch=watch)
+        seen = [sample for _, sample in rig.unread() if sample.mode == m.LOOP]
+    rig.stream(before)
+    n = min(len(seen), len(reference))
+    volts = rig.wiring.voltage([s.pwm[: rig.wiring.sides] for s in seen[:n]])
+    angle = np.array([rig.wiring.angle(s) for s in seen[:n]])
+    return Followed(every * TICK_S * np.arange(n), np.asarray(reference, float)[:n], angle, volts)
 
 
 def loop_on_host(

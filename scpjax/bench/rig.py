@@ -58,6 +58,7 @@ class Rig:
         self.last: Sample | None = None
         self.events: list[Event] = []
         self.resistances: list[Resistance] = []
+        self.listener: Callable[[float, Sample], None] | None = None  # told every sample, by whoever reads
         self._news = threading.Condition(threading.RLock())
         self._decoder = Decoder()
         self._replies: dict[int, Reply] = {}
@@ -243,6 +244,8 @@ class Rig:
             if len(self._samples) == self._samples.maxlen:
                 self.quality.unread += 1
             self._samples.append((self._time, message))
+            if self.listener is not None:
+                self.listener(self._time, message)
             if self._log is not None and not isinstance(self._failed, BoardReset):
                 if self._began is None:
                     self._began = self._time
@@ -288,7 +291,9 @@ class Rig:
         if cut is not None:
             side = ("agonist", "antagonist")[cut.channel & 1]
             mend = "let it cool, then clear the fault" if cut.what in m.LASTING else "keep waiting on the rig"
-            raise BoardFault(f"the board cut the power: {m.FAULTS[cut.what]} ({side})", where=self.device.name, mend=mend)
+            raise BoardFault(
+                f"the board cut the power: {m.FAULTS[cut.what]} ({side})", where=self.device.name, mend=mend
+            )
 
     def _beat(self) -> None:
         if self.device.now() - self._beaten >= self.options.beat_s:
@@ -313,6 +318,13 @@ class Rig:
                 yield self._until(self._next_sample, left, "", beats=True)
             except NoAnswer:
                 return
+
+    def unread(self) -> list[tuple[float, Sample]]:
+        """Samples that came since `samples` or this was last called, of which `RigOptions.keep` are kept."""
+        with self._news:
+            out = list(self._samples)
+            self._samples.clear()
+        return out
 
     def _next_sample(self) -> tuple[float, Sample] | None:
         return self._samples.popleft() if self._samples else None

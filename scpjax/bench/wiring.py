@@ -120,9 +120,7 @@ class Wiring:
         if self.sides not in (1, 2):
             raise BenchError(f"a bench of {self.sides} actuators", mend="sides is 1, or 2 for a joint")
         if self.position.source not in get_args(Source):
-            raise BenchError(
-                f"no position sensor {self.position.source!r}", mend=f"use {', '.join(get_args(Source))}"
-            )
+            raise BenchError(f"no position sensor {self.position.source!r}", mend=f"use {', '.join(get_args(Source))}")
         for name in ("supply_V", "pulley_radius_m", "current_V_per_A"):
             if not 0 < getattr(self, name) < math.inf:
                 raise BenchError(f"{name} is {getattr(self, name)}", mend="give a number above 0")

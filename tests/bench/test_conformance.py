@@ -86,7 +86,9 @@ def test_what_is_no_frame_is_not_obeyed(talk, data):
     assert talk.ask("H").status == m.OK
 
 
-@pytest.mark.parametrize("body", ["W,0001,FF,", "W,0001,FF,XX", "W,0001,FF,1FFFFFFFF", "W", "W,", "W,0001 ,FF,FF", "W,1,ff,ff"])
+@pytest.mark.parametrize(
+    "body", ["W,0001,FF,", "W,0001,FF,XX", "W,0001,FF,1FFFFFFFF", "W", "W,", "W,0001 ,FF,FF", "W,1,ff,ff"]
+)
 def test_a_right_crc_does_not_save_a_wrong_body(talk, body):
     talk.body(body)
     assert of(Reply, talk.wait(0.05)) == []
@@ -269,7 +271,9 @@ LASTING = [
 ]
 
 
-@pytest.mark.parametrize(("name", "value", "fault", "inputs"), LASTING, ids=lambda x: str(x) if isinstance(x, str) else "")
+@pytest.mark.parametrize(
+    ("name", "value", "fault", "inputs"), LASTING, ids=lambda x: str(x) if isinstance(x, str) else ""
+)
 def test_a_limit_met_cuts_the_power_and_lasts(board, name, value, fault, inputs):
     world = Still()
     talk = Talk(board(world, config=BoardConfig(model_thermal_mass_J_per_K=0.5)))
@@ -367,7 +371,9 @@ def test_a_thermistor_plugged_in_later_is_found_by_calibration(board):
 @pytest.mark.parametrize("source", ["echo", "encoder"])
 def test_echo_and_encoder_follow(board, source):
     plant = Difference(known_model("plant"), radius=None)
-    law = Position(source=source, per_count=-8.5e-5 if source == "echo" else 2e-5, zero=1500.0 if source == "echo" else 0)
+    law = Position(
+        source=source, per_count=-8.5e-5 if source == "echo" else 2e-5, zero=1500.0 if source == "echo" else 0
+    )
     wiring = Wiring(position=law)
     world = Muscle(plant, wiring, noise=Noise(volts=0.0))
     with Rig(board(world), wiring) as rig:

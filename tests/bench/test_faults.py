@@ -131,7 +131,7 @@ def _frames(n: int, seed: int) -> list[bytes]:
     board.stream_every = 1
     out = []
     for _ in range(n):
-        board.driven = [rng.randrange(256), rng.randrange(256)]
+        board.counts = [rng.randrange(256), rng.randrange(256)]
         board.memory.temperature = [25.0, 25.0]
         board.memory.energy = board.memory.on = [0.0, 0.0]
         out.append(board.tick(Inputs((*(rng.randrange(4093) for _ in range(3)), 0, 0, 0))))
@@ -153,7 +153,9 @@ def _flipped(rng: random.Random, byte: int) -> int:
     return byte ^ 1 << rng.randrange(8)
 
 
-@pytest.mark.parametrize("damage", [_other_byte, _other_digit, _flipped], ids=["any byte", "another digit", "a bit flipped"])
+@pytest.mark.parametrize(
+    "damage", [_other_byte, _other_digit, _flipped], ids=["any byte", "another digit", "a bit flipped"]
+)
 def test_no_wrong_value_among_frames_with_one_byte_in_a_hundred_damaged(damage):
     rng = random.Random(1)
     decoder, quality = Decoder(), Quality()
