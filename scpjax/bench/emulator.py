@@ -52,8 +52,9 @@ class Memory:
 class Board:
     """One board: `receive` takes bytes from the host, `tick` passes 5 ms and gives the bytes for it.
 
-    ``driven`` holds the PWM counts at the pins, ``counts`` those from the next tick on: what is to be applied is charged
-    to the actuators first, so that nothing that comes later can take it back. Until the first `tick` after a reset nothing is sent.
+    ``driven`` holds the PWM counts at the pins, ``counts`` those from the next tick on: what is to be applied is
+    charged to the actuators first, so that nothing that comes later can take it back. Until the first `tick` after a
+    reset nothing is sent.
     """
 
     def __init__(self, config: BoardConfig | None = None, version: str = "1.0.0", protocol: int = m.PROTOCOL):

@@ -7,34 +7,11 @@ import threading
 from collections import deque
 from collections.abc import Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
 from types import TracebackType
 from urllib.parse import parse_qs, urlparse
 
 _KEPT = 20000
-
-_PAGE = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>scpjax rig</title>
-<style>body{font:14px system-ui,sans-serif;margin:1rem;color:#2b3036}canvas{width:100%;height:30vh;display:block}
-h1{font-size:1rem}p{margin:.2rem 0}</style></head><body><h1>scpjax rig: live</h1><p id="state">waiting</p><div id="plots"></div>
-<script>
-const span=60, colours=["#6b7785","#d55e00","#0072b2","#009e73","#cc79a7"];
-let names=null, rows=[], next=0;
-function draw(c,k){const g=c.getContext("2d"),w=c.width=c.clientWidth*devicePixelRatio,h=c.height=c.clientHeight*devicePixelRatio;
- const end=rows.length?rows[rows.length-1][0]:0, seen=rows.filter(r=>r[0]>=end-span&&r[k]!==null);
- if(seen.length<2)return; let lo=Math.min(...seen.map(r=>r[k])),hi=Math.max(...seen.map(r=>r[k])); if(hi-lo<1e-9){lo-=1;hi+=1}
- const f=12*devicePixelRatio, x=t=>70+(w-80)*(t-end+span)/span, y=v=>h-1.5*f-(h-3*f)*(v-lo)/(hi-lo);
- g.font=f+"px system-ui"; g.fillStyle="#2b3036"; g.fillText(names[k],70,f); g.fillText(hi.toPrecision(4),2,y(hi)+f/2);
- g.fillText(lo.toPrecision(4),2,y(lo)); g.fillText((end-span).toFixed(0)+" s",70,h-2); g.fillText(end.toFixed(1)+" s",w-6*f,h-2);
- g.strokeStyle=colours[(k-1)%5]; g.lineWidth=1.5*devicePixelRatio; g.beginPath();
- seen.forEach((r,i)=>i?g.lineTo(x(r[0]),y(r[k])):g.moveTo(x(r[0]),y(r[k]))); g.stroke()}
-async function poll(){try{const a=await (await fetch("data?since="+next)).json(); next=a.next; names=a.names;
- rows=rows.concat(a.rows).slice(-20000); const p=document.getElementById("plots");
- while(p.children.length<names.length-1)p.appendChild(document.createElement("canvas"));
- [...p.children].forEach((c,i)=>draw(c,i+1)); document.getElementById("state").textContent=rows.length+" samples"}
- catch(e){document.getElementById("state").textContent="the recording has ended"} setTimeout(poll,250)}
-poll();
-</script></body></html>
-"""
 
 
 class Live:
@@ -80,6 +57,7 @@ class Live:
 
     def _handler(self) -> type[BaseHTTPRequestHandler]:
         live = self
+        page = (resources.files("scpjax") / "bench" / "live.html").read_bytes()
 
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self) -> None:
@@ -89,7 +67,7 @@ class Live:
                     body = json.dumps(live.since(int(since) if since.isdigit() else 0)).encode()
                     kind = "application/json"
                 else:
-                    body, kind = _PAGE.encode(), "text/html; charset=utf-8"
+                    body, kind = page, "text/html; charset=utf-8"
                 self.send_response(200)
                 self.send_header("Content-Type", kind)
                 self.send_header("Content-Length", str(len(body)))

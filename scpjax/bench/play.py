@@ -15,7 +15,7 @@ from scpjax.bench.errors import BenchError, BoardFault
 from scpjax.bench.messages import Sample
 from scpjax.bench.parameters import TICK_S
 from scpjax.bench.rig import Rig, pairs
-from scpjax.control.controller import Controller
+from scpjax.control.controller import Controller, scalar
 from scpjax.control.pid import PID, Pair
 
 Watch = Callable[[float], None]
@@ -79,7 +79,7 @@ def play(rig: Rig, wanted: Profile, *, watch: Watch | None = None) -> None:
     """
     first = wanted.counts[:, 0]
     second = wanted.counts[:, 1] if wanted.counts.shape[1] > 1 else np.zeros_like(first)
-    _run(rig, "P", pairs(first, second), wanted.ticks, watch)
+    _run(rig, "P", pairs(first.tolist(), second.tolist()), wanted.ticks, watch)
 
 
 def loop_on_board(
@@ -189,7 +189,7 @@ def loop_on_host(
             f"{controller.sides} controllers for a bench with {rig.wiring.sides}", mend="use a pair for a joint"
         )
     dt = rig.period
-    step = jax.jit(lambda state, y, r: controller.step(state, y, r, dt))
+    step = jax.jit(lambda state, y, r: controller.step(state, y, r, scalar(dt)))
     step(controller.initial(), 0.0, 0.0)  # compiled before time counts
     state = controller.initial()
     supply = rig.wiring.supply_V**2

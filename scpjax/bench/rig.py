@@ -28,9 +28,9 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class RigOptions:
-    """``every``: ticks of 5 ms from sample to sample; ``answer_s`` and ``tries`` of a command; ``handshake_s``: how long
-    a board may take to boot; ``beat_s``: a sign of life to the board so often while waiting; ``keep``: samples kept for
-    who reads them late (a recording has them all)."""
+    """``every``: ticks of 5 ms from sample to sample; ``answer_s`` and ``tries`` of a command; ``handshake_s``: how
+    long a board may take to boot; ``beat_s``: a sign of life to the board so often while waiting; ``keep``: samples
+    kept for who reads them late (a recording has them all)."""
 
     every: int = 10
     answer_s: float = 0.3

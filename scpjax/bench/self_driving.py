@@ -1,4 +1,4 @@
-"""A bench that asks its own questions: record, diagnose, choose the next experiment, play it, until one answer is left."""
+"""A bench that asks its own questions: record, diagnose, choose an experiment, play it, until one answer is left."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def until_explained(
     tell: Tell | None = None,
     command: str = "",
 ) -> Driven:
-    """Diagnose what was recorded and play the experiment that best separates the hypotheses left close, again and again.
+    """Diagnose what was recorded and play the experiment that best separates what is left close, again and again.
 
     Begins with a multilevel signal where there are no recordings yet. Stops when one hypothesis is left, when no
     experiment within the limits tells the rest apart, after ``most`` experiments, or when ``agree`` says no to one.

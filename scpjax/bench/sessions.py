@@ -60,7 +60,8 @@ class Excite:
 
     def _signal(self, name: str) -> Signal:
         at: dict[str, Any] = {"duration_s": self.duration - self.lead, "period_s": self.period}
-        whole, ends = self.duration - self.lead, {"low": self.low, "high": self.high}
+        whole = self.duration - self.lead
+        ends: dict[str, Any] = {"low": self.low, "high": self.high}
         hold = whole / 10 if self.hold is None else self.hold
         if name == "step":
             return excitation.step(**at, amplitude=self.high)
@@ -129,7 +130,7 @@ def record_profile(
     return read_recording(path)
 
 
-# -- calibration ----------------------------------------------------------------------------------------------------------
+# -- calibration -----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -198,7 +199,7 @@ def _dead_time(rig: Rig, volts: float) -> str:
     return f"dead time: {1e3 * (pins or 0.0):.0f} ms from command to pins{felt}"
 
 
-# -- characterisation -----------------------------------------------------------------------------------------------------
+# -- characterisation ------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,7 +220,7 @@ def characterise(
     *,
     tell: Callable[[str, float], None] | None = None,
 ) -> list[Recording]:
-    """Record the experiments into a folder. Weights are changed by hand: one folder for each (``known`` of the wiring)."""
+    """Record the experiments into a folder. Weights are changed by hand: a folder for each (``known`` of the wiring)."""
     runs: list[tuple[str, str, Excite]] = []
     base = Excite(duration=options.duration, period=options.period, seed=options.seed)
     for level in options.levels:

@@ -22,12 +22,13 @@ from scpjax.physics.model import Model
 from scpjax.physics.storage import load_model
 
 RADIUS_M = 0.015  # thesis 3.4.1
+_DURATION_S = 60.0
 _WARM = 0.05  # by how much the board's thermal model is taken hotter than the actuator's
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """What `simulated` makes: ``world`` behind the pins, ``wiring`` before them, ``config`` of a board that suits it."""
+    """``world`` behind the pins, ``wiring`` before them, ``config`` of a board that suits the muscle."""
 
     world: Muscle
     wiring: Wiring
@@ -81,7 +82,8 @@ def with_concealed(model: Model, concealed: Sequence[str]) -> Model:
             raise BenchError(error.problem, where=f"--conceal {text}", mend=error.mend) from error
         if not m.starts:
             raise BenchError(f"{name} is in every model", where=f"--conceal {text}", mend="conceal one of the others")
-        values = dict(zip((p.name for p in m.parameters), m.starts[0], strict=True))
+        scale = {"response": _settling(model), "duration": _DURATION_S}
+        values = {p.name: x * scale.get(p.time, 1.0) for p, x in zip(m.parameters, m.starts[0], strict=True)}
         for part in filter(None, given.split(",")):
             key, _, number = part.partition("=")
             if key not in values:
@@ -102,7 +104,7 @@ def with_concealed(model: Model, concealed: Sequence[str]) -> Model:
 def simulated(
     name: str = "muscle",
     *,
-    sides: Literal[1, 2] | None = None,
+    sides: int | None = None,
     concealed: Sequence[str] = (),
     noise: Noise | None = None,
     seed: int = 0,
@@ -120,7 +122,7 @@ def simulated(
     two = len(model.structure.sides) == 2
     if not (model.structure.thermal and model.structure.mechanical):
         raise BenchError("does not lead from volts to a displacement", where=f"--sim {name}", mend="use a plant")
-    count: Literal[1, 2] = 2 if two else (wiring.sides if wiring else sides or 1)
+    count: Literal[1, 2] = 2 if two or (wiring.sides if wiring else sides) == 2 else 1
     if two and sides == 1:
         raise BenchError("is a joint of two actuators", where=f"--sim {name}", mend="leave --sides out")
     made = wiring or _wiring(base, count)
@@ -132,6 +134,12 @@ def simulated(
         plant = Difference(model, None if count == 1 else model, radius=radius)
     config = replace(BoardConfig(supply_V=made.supply_V), ntc_fixed_ohm=made.thermistors.fixed_ohm)
     return Simulated(Muscle(plant, made, noise=noise, seed=seed), made, config.suited_to(base, _WARM), plant)
+
+
+def _settling(model: Model) -> float:
+    values = model.values()
+    mass, loss = (values[f"newton_cooling.{k}"] for k in ("thermal_mass", "conductance"))
+    return mass / loss
 
 
 def _wiring(model: Model, sides: Literal[1, 2]) -> Wiring:

@@ -53,7 +53,8 @@ class Compared:
     def says(self) -> str:
         """One line."""
         words, unit = column(self.column)
-        text = f"{words}: RMSE {number(self.rmse)} {unit} (noise {number(self.noise, 2)} {unit}), NRMSE {number(self.nrmse)} %"
+        noise = f"noise {number(self.noise, 2)} {unit}"
+        text = f"{words}: RMSE {number(self.rmse)} {unit} ({noise}), NRMSE {number(self.nrmse)} %"
         if not self.parts:
             return f"{text}: agrees"
         where = ", ".join(f"{a:.0f} to {b:.0f} s ({100 * s:.0f} %)" for a, b, s in self.windows)

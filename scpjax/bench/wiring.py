@@ -39,7 +39,7 @@ POTENTIOMETER_RAD = math.radians(270.0) / FULL
 
 @dataclass(frozen=True, kw_only=True)
 class Thermistors:
-    """NTC from 5 V to the tap, ``fixed_ohm`` from the tap to ground, on A0 and A1. ``fitted``: whether there are any."""
+    """NTC from 5 V to the tap, ``fixed_ohm`` from there to ground, on A0 and A1. ``fitted``: whether there are any."""
 
     fitted: bool = True
     nominal_ohm: float = 100e3
@@ -64,8 +64,8 @@ class Thermistors:
 class Position:
     """A linear law from counts to the position: ``per_count (counts - zero)``, in m, or rad for a joint.
 
-    Counts of an echo are 0.5 us of its duration (there and back); a longer echo is a longer actuator where ``per_count``
-    is negative.
+    Counts of an echo are 0.5 us of its duration (there and back); a longer echo is a longer actuator where
+    ``per_count`` is negative.
     """
 
     source: Source = "potentiometer"
@@ -100,7 +100,7 @@ class Sensing:
 
 @dataclass(frozen=True, kw_only=True)
 class Wiring:
-    """A bench: one actuator or a joint of two, its supply and sensors. SI; ``known`` as in ``[actuator]`` of recordings.
+    """A bench: one actuator or a joint of two, its supply and sensors. SI; ``known`` as in ``[actuator]`` of files.
 
     ``current_V_per_A`` is the amplified shunt's at A3, ``ambient_K`` the room.
     """
@@ -141,7 +141,7 @@ class Wiring:
 
     @property
     def degrees_per_count(self) -> float:
-        """What the board's own controller is told: degrees of the pulley, which one actuator turns by its displacement."""
+        """For the board's own controller: degrees of the pulley, which one actuator turns by its displacement."""
         return math.degrees(self.position.per_count / (1.0 if self.sides == 2 else self.pulley_radius_m))
 
     def voltage(self, pwm: Any) -> Any:

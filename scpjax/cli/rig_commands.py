@@ -152,8 +152,8 @@ def _validate(places: Any, command: Command) -> None:
         "validate",
         ("rig", "run_validate"),
         "predicted against measured, open loop and closed loop; where they part, why",
-        "Where they part, what was recorded is diagnosed at once, and the experiment that tells the hypotheses apart is "
-        "played if you say yes.",
+        "Where they part, what was recorded is diagnosed at once, and the experiment that tells the hypotheses apart "
+        "is played if you say yes.",
     )
     parser.add_argument("--model", metavar="FILE", required=True, help="model.json of a fit or a diagnosis")
     parser.add_argument("--gains", metavar="FILE", help="thesis or a gains.toml: the closed loop as well")

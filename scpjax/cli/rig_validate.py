@@ -31,12 +31,12 @@ from scpjax.report.report import command_line
 def validate(arguments: Namespace) -> None:
     """Open loop, closed loop where there are gains, and the diagnosis where they part."""
     out = check_folder(arguments.out)
+    start()
     path = Path(arguments.model)
     model, extra = load_model(path / "model.json" if (path / "model.json").is_file() else path)
     others = read_files(arguments.others, drive=None, response=None)
     if arguments.until_explained < 0:
         raise BenchError(f"is {arguments.until_explained}", where="--until-explained", mend="give 0 or more")
-    start()
     sections: dict[str, list[Compared]] = {}
     with bench(arguments, period=arguments.period, sides=len(model.structure.sides)) as b, progress(arguments) as show:
         recording = _open_loop(arguments, b, out, show)

@@ -5,8 +5,8 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from rig.simulation.firmware import SimulatedDevice, build, missing
 
+from rig.simulation.firmware import SimulatedDevice, build, missing
 from scpjax.bench import messages as m
 from scpjax.bench.device import BoardDevice, EmulatedDevice
 from scpjax.bench.frames import Decoder, command, encode

@@ -24,7 +24,7 @@ def of(kind, messages):
     return [x for x in messages if isinstance(x, kind)]
 
 
-# -- protocol ------------------------------------------------------------------------------------------------------------
+# -- protocol --------------------------------------------------------------------------------------------------------
 
 
 def test_banner_says_version_pins_and_limits(board):
@@ -127,7 +127,7 @@ def test_parameters_are_kept_in_single_precision(talk):
     assert from_bits(talk.ask("U", NAMES.index("kp")).value) == np.float32(0.1)
 
 
-# -- watchdogs and resets -------------------------------------------------------------------------------------------------
+# -- watchdogs and resets --------------------------------------------------------------------------------------------
 
 
 def test_a_silent_host_loses_the_drive_within_1_1_s(talk):
@@ -175,7 +175,7 @@ def test_a_reset_in_mid_stream_ends_the_drive_and_is_noticed(board, tmp_path):
     assert 0.4 < time[-1] < 0.6
 
 
-# -- the table ------------------------------------------------------------------------------------------------------------
+# -- the table -------------------------------------------------------------------------------------------------------
 
 
 def test_a_table_is_played_entry_by_entry(board):
@@ -213,7 +213,7 @@ def test_the_table_takes_entries_in_order_and_says_when_it_is_full(talk):
     assert talk.ask("T", 0, 1).status == m.OK
 
 
-# -- the controller -------------------------------------------------------------------------------------------------------
+# -- the controller --------------------------------------------------------------------------------------------------
 
 
 def joint() -> tuple[Difference, Wiring]:
@@ -259,7 +259,7 @@ def test_the_loop_needs_the_host_too(board):
     assert talk.until_off(1.0) < 0.7
 
 
-# -- cut-outs -------------------------------------------------------------------------------------------------------------
+# -- cut-outs --------------------------------------------------------------------------------------------------------
 
 LASTING = [
     ("model_resistance", 0.2, m.HOT_BY_MODEL, {}),
@@ -335,7 +335,7 @@ def test_the_rig_says_what_cut_the_power(board):
         rig.wait(5.0)
 
 
-# -- sensors --------------------------------------------------------------------------------------------------------------
+# -- sensors ---------------------------------------------------------------------------------------------------------
 
 
 def test_resistance_is_measured_with_the_drive_off(board):
