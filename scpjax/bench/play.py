@@ -72,14 +72,16 @@ def profile(rig: Rig, time: Float[np.ndarray, " n"], volts: Float[np.ndarray, "n
     return Profile(rig.wiring.pwm(volts), ticks)
 
 
-def play(rig: Rig, wanted: Profile, *, watch: Watch | None = None) -> None:
+def play(rig: Rig, wanted: Profile, *, watch: Watch | None = None, begin: Callable[[], object] | None = None) -> None:
     """Let the board play a profile from its table, which is filled as it empties; returns when it has ended.
+
+    ``begin()`` is called when the table is ready, right before the first entry.
 
     **Raises** `BoardFault` when a limit cut it off, and as `Rig` does.
     """
     first = wanted.counts[:, 0]
     second = wanted.counts[:, 1] if wanted.counts.shape[1] > 1 else np.zeros_like(first)
-    _run(rig, "P", pairs(first.tolist(), second.tolist()), wanted.ticks, watch)
+    _run(rig, "P", pairs(first.tolist(), second.tolist()), wanted.ticks, watch, begin)
 
 
 def loop_on_board(
@@ -208,7 +210,14 @@ def loop_on_host(
     rig.stop()
 
 
-def _run(rig: Rig, kind: str, entries: list[int], ticks: int, watch: Watch | None) -> None:
+def _run(
+    rig: Rig,
+    kind: str,
+    entries: list[int],
+    ticks: int,
+    watch: Watch | None,
+    begin: Callable[[], object] | None = None,
+) -> None:
     if not 1 <= ticks <= 255:
         raise BenchError(f"{ticks} ticks of 5 ms for an entry", mend="take 1 to 255")
     rig.stop()
@@ -225,6 +234,8 @@ def _run(rig: Rig, kind: str, entries: list[int], ticks: int, watch: Watch | Non
             sent += len(chunk)
 
     fill(0.0)
+    if begin is not None:
+        begin()
     rig.ask(kind, ticks, len(entries))
     began = rig.device.now()
     until = began + len(entries) * step_s + _SPARE_S

@@ -64,9 +64,11 @@ class Excite:
         ends: dict[str, Any] = {"low": self.low, "high": self.high}
         hold = whole / 10 if self.hold is None else self.hold
         if name == "step":
-            return excitation.step(**at, amplitude=self.high)
+            return excitation.step(**at, amplitude=self.high - self.low, offset=self.low)
         if name == "step_difference":
-            return excitation.step_difference(**at, amplitude=self.high, up_s=0.0, down_s=0.5 * whole)
+            return excitation.step_difference(
+                **at, amplitude=self.high - self.low, offset=self.low, up_s=0.0, down_s=0.5 * whole
+            )
         if name == "stair":
             return excitation.stair(**at, **ends)
         if name == "multilevel":
@@ -120,9 +122,8 @@ def record_profile(
     When a limit cuts the power what came until then stays on disk. **Raises** as `Rig` does.
     """
     wanted = profile(rig, np.asarray(time, float), volts)
-    rig.record(path, title=title)
     try:
-        play(rig, wanted, watch=watch)
+        play(rig, wanted, watch=watch, begin=lambda: rig.record(path, title=title))
         if tail > 0:
             rig.wait(tail)
     finally:
@@ -220,7 +221,7 @@ def characterise(
     *,
     tell: Callable[[str, float], None] | None = None,
 ) -> list[Recording]:
-    """Record the experiments into a folder. Weights are changed by hand: a folder for each (``known`` of the wiring)."""
+    """Record the experiments into a folder: one for each weight, which is changed by hand (`Wiring.known` says it)."""
     runs: list[tuple[str, str, Excite]] = []
     base = Excite(duration=options.duration, period=options.period, seed=options.seed)
     for level in options.levels:
