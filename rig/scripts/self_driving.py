@@ -1,10 +1,11 @@
 """How often does the self-driving bench find what is concealed in a simulated muscle?
 
-    python rig/scripts/self_driving.py --out DIR [--seeds 10] [--mechanism creep --mechanism two_node_thermal]
+    python rig/scripts/self_driving.py --out DIR [--seeds 10] [--mechanism creep --mechanism two_node_thermal] [--poor]
 
 For each seed a muscle is drawn (every parameter within 15 %, the mechanism's strength and time within the range below).
 The emulated board stands before it with noise on every reading, and the bench is left alone: a first recording of 60
-s, then experiments of its own choice until one hypothesis is left, three at the most. What is done is not done again.
+s, then experiments of its own choice until one hypothesis is left, three at the most. What is done is not done again. With --poor
+the first recording is a slow triangle and the readings are six times as noisy, so that it leaves hypotheses close.
 """
 
 from __future__ import annotations
@@ -31,9 +32,10 @@ RANGES = {
     "two_node_thermal": {"share": (0.25, 0.6), "time_constant": (0.8, 4.0)},
 }
 FIRST = Excite(duration=60.0, period=0.1, high=3.0, hold=10.0)
+NOISE_V, POOR_V = 3e-3, 18e-3
 
 
-def one(name: str, seed: int, folder: Path) -> dict[str, object]:
+def one(name: str, seed: int, folder: Path, poor: bool) -> dict[str, object]:
     """One seed: what was concealed, what was named, after how many experiments, and how hot it became."""
     rng = np.random.default_rng([seed, len(name)])
     base = muscle()
@@ -43,13 +45,13 @@ def one(name: str, seed: int, folder: Path) -> dict[str, object]:
     model = save_model(drawn, folder / "muscle.json")
     truth = {k: round(float(np.exp(rng.uniform(*np.log(r)))), 4) for k, r in RANGES[name].items()}
     concealed = f"{name}:{','.join(f'{k}={v}' for k, v in truth.items())}"
-    made = simulated(str(model), concealed=[concealed], noise=Noise(volts=3e-3), seed=seed)
+    made = simulated(str(model), concealed=[concealed], noise=Noise(volts=POOR_V if poor else NOISE_V), seed=seed)
     began = time.monotonic()
     device = EmulatedDevice(made.world, config=made.config, seed=seed)
     with Rig(device, made.wiring, options=RigOptions(every=20)) as rig:
         limit = rig.get("max_temperature") + 273.15
         options = SelfDriving(high=3.5, hottest=hottest_of(rig), duration=90.0)
-        t, volts = FIRST.make("multilevel")
+        t, volts = FIRST.make("triangle" if poor else "multilevel")
         first = record_profile(rig, folder / "0_first.csv", t, volts)
         driven = until_explained(rig, folder, options, recordings=[first])
     return {
@@ -74,13 +76,14 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--mechanism", action="append", choices=sorted(RANGES))
+    parser.add_argument("--poor", action="store_true")
     arguments = parser.parse_args()
     start()
     for seed in range(arguments.seeds):
         for name in arguments.mechanism or sorted(RANGES):
             folder = arguments.out / f"{name}_{seed}"
             if not (folder / "result.json").is_file():
-                found = one(name, seed, folder)
+                found = one(name, seed, folder, arguments.poor)
                 (folder / "result.json").write_text(json.dumps(found, indent=1) + "\n")
                 print(json.dumps(found), flush=True)
                 jax.clear_caches()
