@@ -4,8 +4,9 @@
 
 For each seed a muscle is drawn (every parameter within 15 %, the mechanism's strength and time within the range below).
 The emulated board stands before it with noise on every reading, and the bench is left alone: a first recording of 60
-s, then experiments of its own choice until one hypothesis is left, three at the most. What is done is not done again. With --poor
-the first recording is a slow triangle and the readings are six times as noisy, so that it leaves hypotheses close.
+s, then experiments of its own choice until one hypothesis is left, three at the most. What is done is not done again.
+With --poor the first recording is a slow triangle and the readings are six times as noisy, which leaves hypotheses
+close.
 """
 
 from __future__ import annotations

@@ -2,12 +2,13 @@
 # What the simulated bench needs of Debian (or Ubuntu): the AVR's compiler and C library, simavr, make and a C compiler.
 set -euo pipefail
 packages=(gcc make libc6-dev gcc-avr avr-libc libsimavr-dev)
-as_root() { if [[ $(id -u) -eq 0 ]]; then "$@"; else sudo "$@"; fi; }
+as_root() { if [[ $(id -u) -eq 0 ]]; then "$@"; else sudo -n "$@"; fi; }
 missing=()
 for package in "${packages[@]}"; do
     dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q "install ok installed" || missing+=("$package")
 done
 if [[ ${#missing[@]} -gt 0 ]]; then
+    command -v apt-get >/dev/null || { echo "no apt-get here to install ${missing[*]}" >&2; exit 1; }
     as_root apt-get update -qq
     as_root apt-get install -y -qq --no-install-recommends "${missing[@]}"
 fi

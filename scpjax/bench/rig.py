@@ -412,6 +412,13 @@ class Rig:
         with self._news:
             self._cut = None
 
+    def hang(self) -> None:
+        """Let the firmware hang, to see its hardware watchdog begin anew within 0.3 s (`BoardReset` while waiting).
+
+        The board refuses where it would bring an actuator to a limit.
+        """
+        self._send("X", 0xDEAD)
+
     def get(self, name: str) -> float:
         """A parameter of the board (`scpjax.bench.parameters`)."""
         return from_bits(self.ask("U", _index(name)))
