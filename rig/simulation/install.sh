@@ -9,7 +9,8 @@ for package in "${packages[@]}"; do
 done
 if [[ ${#missing[@]} -gt 0 ]]; then
     command -v apt-get >/dev/null || { echo "no apt-get here to install ${missing[*]}" >&2; exit 1; }
-    as_root apt-get update -qq
-    as_root apt-get install -y -qq --no-install-recommends "${missing[@]}"
+    quick=(-qq -o Acquire::Retries=1 -o Acquire::http::Timeout=15 -o Acquire::https::Timeout=15)
+    as_root apt-get "${quick[@]}" update
+    as_root env DEBIAN_FRONTEND=noninteractive apt-get "${quick[@]}" install -y --no-install-recommends "${missing[@]}"
 fi
 make -s -C "$(dirname "${BASH_SOURCE[0]}")" all
