@@ -88,7 +88,8 @@ class PortDevice(AbstractDevice):
         # not readline(): its timeout begins anew with each byte, and a stream without newlines would hang it
         port = self._need()
         try:
-            port.timeout = timeout
+            if port.timeout != timeout:  # setting it configures the port anew
+                port.timeout = timeout
             first = port.read(1)
             return first + port.read(port.in_waiting) if first else b""
         except (

@@ -126,6 +126,8 @@ def parse(frame: Frame) -> Message | None:
         return None
     widths, read = known
     f = frame.fields
+    if frame.kind == "B" and len(f) != len(widths) + 2:
+        return _foreign(f)
     if len(f) != len(widths) + 2 or any(w and len(x) != w for x, w in zip(f, (4, 8, *widths), strict=True)):
         return None
     try:
@@ -140,6 +142,14 @@ def _banner(sequence: int, stamp: int, f: tuple[str, ...]) -> Banner:
         sequence, stamp, name, int(protocol), version, int(cause, 16), int(tick), tuple(pins.split(":")),
         *(int(x) for x in limits),
     )  # fmt: skip
+
+
+def _foreign(f: tuple[str, ...]) -> Banner | None:
+    """The banner of another protocol: of it only name, protocol and version are known."""
+    try:
+        return Banner(int(f[0], 16), int(f[1], 16), f[2], int(f[3]), f[4], 0, 0, (), 0, 0, 0, 0, 0)
+    except (ValueError, IndexError):
+        return None
 
 
 def _sample(sequence: int, stamp: int, f: tuple[str, ...]) -> Sample:

@@ -14,7 +14,7 @@ from pathlib import Path
 from scpjax.bench.device import AbstractDevice, EmulatedDevice, PortDevice, find_port
 from scpjax.bench.errors import BenchError
 from scpjax.bench.live import Live
-from scpjax.bench.messages import Sample
+from scpjax.bench.messages import FAULTS, Sample
 from scpjax.bench.parameters import TICK_S
 from scpjax.bench.play import Watch
 from scpjax.bench.rig import Rig, RigOptions
@@ -44,12 +44,26 @@ def bench(arguments: Namespace, *, period: float = 0.1, sides: int | None = None
     device, wiring, behind = _device(arguments, sides)
     with Rig(device, wiring, options=RigOptions(every=every, keep=_KEPT)) as rig:
         say(arguments, f"{device.name}: firmware {rig.banner.version if rig.banner else '?'}")
+        _clear(arguments, rig)
         if arguments.max_temperature is not None:
             rig.set("max_temperature", arguments.max_temperature)
         with _live(arguments, rig):
             yield Bench(rig, behind)
     q = rig.quality
     say(arguments, f"  {q.samples} samples, {q.lost} frames lost, {q.damaged} damaged")
+
+
+def _clear(arguments: Namespace, rig: Rig) -> None:
+    """Clear a fault of an earlier run, if what it was has recovered."""
+    fault = rig.ask("H") >> 8 & 0xFF
+    if not fault:
+        return
+    try:
+        rig.clear_fault()
+    except BenchError as error:
+        mend = "let it cool and try again, or press the board's reset"
+        raise BenchError(f"the power stays off: {FAULTS[fault]}", where=rig.device.name, mend=mend) from error
+    say(arguments, f"  cleared: {FAULTS[fault]}")
 
 
 def ticks_of(period: float, where: str) -> int:
