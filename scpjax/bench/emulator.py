@@ -6,50 +6,23 @@ on this and on the compiled firmware alike.
 
 from __future__ import annotations
 
-import math
-from collections import deque
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
 
 from scpjax.bench import messages as m
 from scpjax.bench.frames import Frame, decode, encode
-from scpjax.bench.parameters import NAMES, TICK_HZ, TICK_S, BoardConfig, from_bits, single, table, to_bits
+from scpjax.bench.guard import CHANNELS, Inputs
+from scpjax.bench.onboard import SLOTS, Controls
+from scpjax.bench.parameters import NAMES, TICK_HZ, TICK_S, BoardConfig, from_bits, single, to_bits
 
-CHANNELS = 2
-SLOTS = 256
-_AT = {name: i for i, name in enumerate(NAMES)}
 _SHAPES = {"?": (0, 0), "H": (0, 0), "W": (2, 2), "R": (1, 1), "T": (2, 13), "P": (2, 2), "C": (2, 2), "V": (2, 2),
            "U": (1, 1), "K": (0, 0), "Z": (1, 1), "S": (0, 0), "F": (0, 0), "X": (1, 1)}  # fmt: skip
-_FULL = 4 * 1024
-_OPEN, _SHORTED = 4 * 3, 4 * 1020
-_PATIENCE = 4
-_HANG_S, _HANG_TICKS = 0.3, 50
-_RECOVERED, _RECOVERED_K = 0.5, 10.0
+_HANG_TICKS = 50
 _PINS = "3:9:A0:A1:A2:A3:A4:A5:7:8:5:6:2:4"
 _LONGEST = 96
 _POWER_ON, _EXTERNAL, _WATCHDOG = 1, 2, 8
 
 
-@dataclass
-class Inputs:
-    """What the board reads in a tick: sums of four conversions at A0 to A5, the echo [0.5 us] and the encoder."""
-
-    sums: Sequence[int] = (0, 0, 0, 0, 0, 0)
-    echo: int = 0
-    encoder: int = 0
-
-
-@dataclass
-class Memory:
-    """What survives a reset: temperatures [degC], energies [J] and times on [s] of both channels."""
-
-    temperature: list[float]
-    energy: list[float] = field(default_factory=lambda: [0.0, 0.0])
-    on: list[float] = field(default_factory=lambda: [0.0, 0.0])
-    driven: list[int] = field(default_factory=lambda: [0, 0])
-
-
-class Board:
+class Board(Controls):
     """One board: `receive` takes bytes from the host, `tick` passes 5 ms and gives the bytes for it.
 
     ``driven`` holds the PWM counts at the pins, ``counts`` those from the next tick on: what is to be applied is
@@ -58,65 +31,29 @@ class Board:
     """
 
     def __init__(self, config: BoardConfig | None = None, version: str = "1.0.0", protocol: int = m.PROTOCOL):
-        self.config = config or BoardConfig()
         self.version, self.protocol = version, protocol
-        self.parameters, self._start = table(self.config)
-        self.memory: Memory | None = None
         self.resets = -1
-        self.clock_us = 0
+        super().__init__(config or BoardConfig())
         self.reset(_POWER_ON)
 
-    # -- life ----------------------------------------------------------------------------------------------------
+    # -- life ---------------------------------------------------------------------------------------------------
 
     def reset(self, cause: int = _EXTERNAL) -> None:
         """As the reset button (or the watchdog) does; what an actuator has had is remembered."""
         self.resets += 1
         self.cause = cause
-        self.values = list(self._start)
-        self.driven, self.counts = [0, 0], [0, 0]
-        self.mode, self.fault = m.IDLE, m.NO_FAULT
-        self.table: deque[int] = deque()
-        self.given = self.taken = self.entries = 0
-        self.per_entry, self.wait = 0, 0
-        self.pids = [[0.0, 0.0], [0.0, 0.0]]  # integral, filtered
+        self._forget()
         self.host_age = 0
         self.stream_every = self.stream_wait = 0
         self.sense: int | None = None
         self.sensed: int | None = None
         self.calibration_left, self.calibration = 0, [0, 0, 0, 0]
-        self.fitted = 0
-        self.hot_for, self.lost_for, self.current_for = [0, 0], [0, 0], 0
         self.sequence = self.bad = 0
         self.hanging = 0
         self._line, self._inside = bytearray(), False
         self._out = bytearray()
         self._booting = True
         self.clock_us = 0
-        self._find_threshold()
-
-    def _boot(self, inputs: Inputs) -> None:
-        self._booting = False
-        self.inputs = inputs
-        self._look_for_sensors()
-        kept = self.memory
-        if kept is None:
-            ambient = self._get("model_ambient")
-            self.memory = Memory([ambient, ambient])
-        else:
-            for c in range(CHANNELS):
-                if kept.driven[c]:
-                    self._heat(c, kept.driven[c], _HANG_S)
-        memory = self._memory
-        for c in range(CHANNELS):
-            if self.fitted >> c & 1:
-                memory.temperature[c] = max(memory.temperature[c], self._read_temperature(c))
-        memory.driven = [0, 0]
-        self._banner()
-
-    @property
-    def _memory(self) -> Memory:
-        assert self.memory is not None
-        return self.memory
 
     def tick(self, inputs: Inputs) -> bytes:
         """Pass 5 ms with these readings at their end; the bytes that the board sends in them."""
@@ -128,10 +65,14 @@ class Board:
                 self.reset(_WATCHDOG)
             return b""
         if self._booting:
-            self._boot(inputs)
+            self._booting = False
+            self._remember()
+            self._banner()
             return self._sent()
         self.sensed, self.sense = self.sense, None
-        self._step()
+        ended = self._step()
+        if ended:
+            self._event(ended, 0)
         self._watch()
         self.driven = list(self.counts)
         self._calibrate_tick()
@@ -146,56 +87,8 @@ class Board:
         self._out.clear()
         return out
 
-    # -- safety --------------------------------------------------------------------------------------------------
-
-    def _get(self, name: str) -> float:
-        return self.values[_AT[name]]
-
-    def _power(self, count: int) -> float:
-        return count / 255 * self.config.supply_V**2 / self._get("model_resistance")
-
-    def _heat(self, c: int, count: int, dt: float) -> None:
-        mem, p = self._memory, self._power(count)
-        lost = self._get("model_conductance") * (mem.temperature[c] - self._get("model_ambient"))
-        mem.temperature[c] += dt * (p - lost) / self._get("model_thermal_mass")
-        mem.energy[c] = max(0.0, mem.energy[c] + dt * (p - self._get("sustained_power")))
-        mem.on[c] = max(0.0, mem.on[c] + (dt if count else -dt))
-
-    @property
-    def cut_out(self) -> float:
-        """Temperature [degC] at which the power is cut."""
-        return self._get("max_temperature") - self.config.margin_K
-
-    def _find_threshold(self) -> None:
-        c = self.config
-        inverse = 1 / (self.cut_out + 273.15) - 1 / 298.15
-        r = c.ntc_nominal_ohm * math.exp(c.ntc_beta_K * inverse)
-        self.hot_sum = int(_FULL * c.ntc_fixed_ohm / (c.ntc_fixed_ohm + r))
-
-    def _read_temperature(self, c: int) -> float:
-        share = (self.inputs.sums[c] + 2.0) / _FULL
-        r = self.config.ntc_fixed_ohm * (1 / share - 1)
-        return 1 / (1 / 298.15 + math.log(r / self.config.ntc_nominal_ohm) / self.config.ntc_beta_K) - 273.15
-
-    def _plausible(self, c: int) -> bool:
-        return _OPEN <= self.inputs.sums[c] <= _SHORTED
-
-    def _look_for_sensors(self) -> None:
-        for c in range(CHANNELS):
-            self.fitted |= self._plausible(c) << c
-
     def _watch(self) -> None:
-        mem = self._memory
-        for c in range(CHANNELS):
-            self._heat(c, self.counts[c], TICK_S)
-            mem.driven[c] = self.counts[c]
-            seen = self.fitted >> c & 1
-            hot = seen and self.inputs.sums[c] >= self.hot_sum
-            lost = seen and not self._plausible(c)
-            self.hot_for[c] = min(self.hot_for[c] + 1, _PATIENCE) if hot else 0
-            self.lost_for[c] = min(self.lost_for[c] + 1, _PATIENCE) if lost else 0
-        amperes = (self.inputs.sums[3] + 2.0) / _FULL * 5.0 / self.config.current_V_per_A
-        self.current_for = min(self.current_for + 1, _PATIENCE) if amperes > self._get("max_current") else 0
+        self._charge()
         met, channel = self._met()
         self.host_age += 1
         if met and not self.fault:
@@ -205,94 +98,6 @@ class Board:
         elif self.mode != m.IDLE and self.host_age > self._get("host_timeout") * TICK_HZ:
             self._stop()
             self._event(m.HOST_TIMEOUT, 0)
-
-    def _met(self) -> tuple[int, int]:
-        mem = self._memory
-        for c in range(CHANNELS):
-            if mem.temperature[c] >= self.cut_out:
-                return m.HOT_BY_MODEL, c
-            if self.hot_for[c] >= _PATIENCE:
-                return m.HOT_BY_SENSOR, c
-            if self.lost_for[c] >= _PATIENCE:
-                return m.SENSOR_LOST, c
-            if mem.energy[c] >= self._get("max_energy"):
-                return m.OVER_ENERGY, c
-            if mem.on[c] >= self._get("max_on"):
-                return m.ON_TOO_LONG, c
-        return (m.OVER_CURRENT if self.current_for >= _PATIENCE else m.NO_FAULT), 0
-
-    def _may_clear(self) -> bool:
-        mem = self._memory
-        for c in range(CHANNELS):
-            if mem.temperature[c] > self.cut_out - _RECOVERED_K or self.hot_for[c] or self.lost_for[c]:
-                return False
-            if mem.energy[c] > _RECOVERED * self._get("max_energy") or mem.on[c] > _RECOVERED * self._get("max_on"):
-                return False
-        return self.current_for == 0
-
-    def _may_hang(self) -> bool:
-        mem, joules = self._memory, _HANG_S * self._power(255)
-        for c in range(CHANNELS):
-            if mem.temperature[c] + joules / self._get("model_thermal_mass") >= self.cut_out or self.hot_for[c]:
-                return False
-            if mem.energy[c] + joules >= self._get("max_energy") or mem.on[c] + _HANG_S >= self._get("max_on"):
-                return False
-        return True
-
-    # -- control -------------------------------------------------------------------------------------------------
-
-    def _stop(self) -> None:
-        self.mode = m.IDLE
-        self.table.clear()
-        self.given = self.taken = self.entries = 0
-        self.driven, self.counts = [0, 0], [0, 0]
-
-    def _step(self) -> None:
-        if self.mode not in (m.PLAY, m.LOOP):
-            return
-        if self.wait:
-            self.wait -= 1
-            return
-        if self.taken == self.entries or not self.table:
-            how = m.TABLE_END if self.taken == self.entries else m.UNDERRUN
-            self._stop()
-            self._event(how, 0)
-            return
-        entry = self.table.popleft()
-        self.taken += 1
-        self.wait = self.per_entry - 1
-        if self.mode == m.PLAY:
-            self.counts = [entry >> 8, entry & 0xFF]
-            return
-        reference = (entry - 0x10000 if entry & 0x8000 else entry) * 0.01
-        degrees = self._get("position_scale") * (self._counts_of_position() - self._get("position_zero"))
-        dt = self.per_entry * TICK_S
-        sides = ((0, 1.0), (1, -1.0))[: int(self._get("channels"))]
-        self.counts = [self._count_of(self._pid(c, sign, reference - degrees, dt)) for c, sign in sides]
-        self.counts += [0] * (CHANNELS - len(sides))
-
-    def _pid(self, c: int, sign: float, error: float, dt: float) -> float:
-        """Thesis (3.16)-(3.18), forward Euler; the clamp as in `scpjax.control.pid`."""
-        integral, filtered = self.pids[c]
-        push = dt * sign * self._get("ki") * error
-        derivative = self._get("n") * (sign * self._get("kd") * error - filtered)
-        asked = sign * self._get("kp") * error + integral + derivative
-        effort = min(max(asked, 0.0), self._get("effort_limit"))
-        if asked == effort or push * asked <= 0:
-            integral += push
-        self.pids[c] = [integral, filtered + dt * derivative]
-        return effort
-
-    def _count_of(self, effort: float) -> int:
-        return int(255 * effort / self.config.supply_V**2 + 0.5)
-
-    def _position(self) -> int:
-        source = int(self._get("position_source"))
-        return (self.inputs.sums[2], self.inputs.echo, self.inputs.encoder & 0xFFFF)[source]
-
-    def _counts_of_position(self) -> int:
-        raw = self._position()
-        return raw - 0x10000 if self._get("position_source") >= 2 and raw & 0x8000 else raw
 
     def _calibrate_tick(self) -> None:
         if not self.calibration_left:

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from scpjax.bench.emulator import Inputs
 from scpjax.bench.errors import BenchError
+from scpjax.bench.guard import Inputs
 from scpjax.bench.parameters import TICK_S
 from scpjax.bench.wiring import ECHO_UNIT_S, REFERENCE_V, Wiring
 from scpjax.recordings.sensors import copper_resistance

@@ -18,9 +18,10 @@ import pytest
 
 from scpjax.bench.cable import Cable
 from scpjax.bench.device import EmulatedDevice, PortDevice
-from scpjax.bench.emulator import Board, Inputs
+from scpjax.bench.emulator import Board
 from scpjax.bench.errors import BenchError, BoardFault, NoAnswer, PortLost
 from scpjax.bench.frames import LONGEST, Decoder, decode
+from scpjax.bench.guard import Inputs
 from scpjax.bench.messages import parse
 from scpjax.bench.parameters import TICK_S
 from scpjax.bench.quality import Quality

@@ -13,8 +13,8 @@ import pytest
 
 from scpjax.bench import messages as m
 from scpjax.bench.device import EmulatedDevice
-from scpjax.bench.emulator import Inputs
 from scpjax.bench.frames import command, encode
+from scpjax.bench.guard import Inputs
 from scpjax.bench.parameters import NAMES, TICK_S, BoardConfig, to_bits
 from scpjax.bench.wiring import Thermistors
 from scpjax.bench.world import World
