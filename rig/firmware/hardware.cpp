@@ -12,7 +12,7 @@ namespace {
 
 constexpr uint16_t CYCLES_PER_MS = F_CPU / 1000;
 constexpr uint8_t MS_PER_TICK = 1000 / TICK_HZ;
-constexpr uint8_t OVERSAMPLES = 4;
+constexpr uint8_t OVERSAMPLES = 4, MOST_UNANSWERED = 4;
 constexpr uint16_t RX_SIZE = 128, TX_SIZE = 256;  // powers of two
 
 constexpr uint8_t PIN_AGONIST = PD3, PIN_ANTAGONIST = PB1;     // 3 and 9
@@ -35,6 +35,7 @@ volatile uint8_t tx_head, tx_tail;
 
 volatile uint32_t echo_began;
 volatile uint16_t echo_length;
+volatile uint8_t unanswered;  // pings
 volatile int16_t counts;
 volatile uint8_t phase;
 
@@ -116,6 +117,7 @@ ISR(PCINT0_vect) {
     } else {
         const uint32_t halves = (now - echo_began) / (F_CPU / 2000000);
         echo_length = halves > 0xffff ? 0xffff : halves;
+        unanswered = 0;
     }
 }
 
@@ -228,6 +230,7 @@ void drive(uint8_t channel, uint8_t count) {
 }
 
 void ping() {
+    if (unanswered <= MOST_UNANSWERED) unanswered = unanswered + 1;
     PORTD |= _BV(PIN_TRIGGER);
     _delay_us(10);
     PORTD &= ~_BV(PIN_TRIGGER);
@@ -235,7 +238,7 @@ void ping() {
 
 uint16_t echo() {
     uint16_t value;
-    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { value = echo_length; }
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { value = unanswered > MOST_UNANSWERED ? 0 : echo_length; }
     return value;
 }
 

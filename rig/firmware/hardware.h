@@ -23,7 +23,7 @@ uint16_t input(uint8_t i);        // sum of four conversions
 void drive(uint8_t channel, uint8_t count);  // 0..255 of the PWM
 
 void ping();           // start an ultrasonic measurement
-uint16_t echo();       // last echo in units of 0.5 us; 0: none yet
+uint16_t echo();       // last echo in units of 0.5 us; 0: none, or lost
 int16_t encoder();     // quadrature counts
 void zero_encoder();
 

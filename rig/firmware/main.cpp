@@ -237,6 +237,10 @@ void begin_tick() {
 
 // What is to be applied is charged to the actuators first: nothing that comes later can take it back.
 void end_tick() {
+    if (control::mode() == control::LOOP && safety::get(P_position_source) == ECHO && position() == 0) {
+        off();
+        event(Fault::SENSOR_LOST, 0);
+    }
     const float degrees = safety::get(P_position_scale) * (counts_of_position() - safety::get(P_position_zero));
     const control::Outcome how = control::step(degrees);
     if (how != control::GOING) event(how == control::ENDED ? Fault::TABLE_END : Fault::UNDERRUN, 0);

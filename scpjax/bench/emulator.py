@@ -70,6 +70,9 @@ class Board(Controls):
             self._banner()
             return self._sent()
         self.sensed, self.sense = self.sense, None
+        if self.mode == m.LOOP and self._get("position_source") == 1 and self._position() == 0:
+            self._stop()
+            self._event(m.SENSOR_LOST, 0)
         ended = self._step()
         if ended:
             self._event(ended, 0)

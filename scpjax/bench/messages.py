@@ -22,7 +22,7 @@ FAULTS = {
     OVER_CURRENT: "the current was above its limit",
     OVER_ENERGY: "an actuator had all the energy that it may have",
     ON_TOO_LONG: "an actuator was on for all the time that it may be",
-    SENSOR_LOST: "a thermistor was lost (open or shorted)",
+    SENSOR_LOST: "a sensor was lost: a thermistor open or shorted, or no echo",
     UNDERRUN: "the table ran dry before its end",
     TABLE_END: "the table was played to its end",
 }

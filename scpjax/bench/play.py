@@ -201,7 +201,11 @@ def loop_on_host(
         k = round((time - began) / dt)
         if k >= len(reference):
             break
-        state, command = step(state, rig.wiring.angle(sample), float(reference[k]))
+        angle = rig.wiring.angle(sample)
+        if not math.isfinite(angle):
+            mend = "check the sonar and what it looks at"
+            raise BenchError("the position sensor gives nothing", where=rig.device.name, mend=mend)
+        state, command = step(state, angle, float(reference[k]))
         efforts = tuple(float(e) for e in command.effort)
         rig.set_pwm(*(round(255 * min(max(e, 0.0), supply) / supply) for e in efforts))
         if watch is not None:

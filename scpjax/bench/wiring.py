@@ -163,8 +163,10 @@ class Wiring:
         return out
 
     def measured(self, sample: Sample) -> float:
-        """Position of a sample, m or rad."""
+        """Position of a sample, m or rad; NaN where an echo was lost."""
         raw = sample.position
+        if self.position.source == "echo" and raw == 0:
+            return math.nan
         if self.position.source == "encoder" and raw & 0x8000:
             raw -= 0x10000
         return self.position.per_count * (raw - self.position.zero)

@@ -10,7 +10,7 @@ from scpjax.bench.errors import BenchError, BoardFault, BoardReset
 from scpjax.bench.frames import command
 from scpjax.bench.messages import Banner, Calibration, Event, Reply, Resistance, Sample
 from scpjax.bench.parameters import NAMES, BoardConfig, from_bits
-from scpjax.bench.play import Profile, loop_on_board, play
+from scpjax.bench.play import Profile, follow, loop_on_board, play
 from scpjax.bench.rig import Rig
 from scpjax.bench.wiring import Position, Wiring
 from scpjax.bench.world import Muscle, Noise, Still
@@ -384,6 +384,35 @@ def test_echo_and_encoder_follow(board, source):
         assert rig.last is not None
         assert world.position > 0.5e-3
         assert wiring.measured(rig.last) == pytest.approx(world.position, abs=1.2e-4)
+
+
+def test_a_lost_echo_is_a_missing_sample(board):
+    plant = Difference(known_model("plant"), radius=None)
+    wiring = Wiring(position=Position(source="echo", per_count=-8.5e-5, zero=1500.0))
+    world = Muscle(plant, wiring, noise=Noise(volts=0.0))
+    with Rig(board(world), wiring) as rig:
+        rig.set("position_source", 1.0)
+        rig.wait(0.5)
+        assert rig.last is not None
+        assert wiring.measured(rig.last) == pytest.approx(0.0, abs=1e-4)
+        world.echo_s = lambda: 0.0
+        rig.wait(0.5)
+        assert np.isnan(wiring.measured(rig.last))
+        assert np.isnan(wiring.row(rig.last)[-1])
+
+
+@pytest.mark.parametrize("on", ["board", "host"])
+def test_a_loop_without_its_echo_is_ended(board, on):
+    plant = Difference(known_model("plant"), radius=None)
+    wiring = Wiring(position=Position(source="echo", per_count=-8.5e-5, zero=1500.0))
+    world = Muscle(plant, wiring, noise=Noise(volts=0.0))
+    device = board(world)
+    with pytest.raises(BenchError, match=r"no echo|gives nothing"), Rig(device, wiring) as rig:
+        rig.set("position_source", 1.0)
+        rig.wait(0.3)
+        world.echo_s = lambda: 0.0
+        follow(rig, thesis_pair().agonist, np.full(200, 0.1), every=4, on=on)
+    assert device.duty() == (0.0, 0.0)
 
 
 def test_messages_are_those_of_the_protocol(talk):
