@@ -45,7 +45,7 @@ def test_two_hundred_samples_a_second_and_none_lost(port, tmp_path):
         q = rig.quality
         assert (q.lost, q.damaged, q.stale) == (0, 0, 0)
     recording = read_recording(tmp_path / "a.csv")
-    assert recording.n == pytest.approx(200 * SECONDS, rel=0.05)  # a busy machine may run the board a little slow
+    assert recording.n == pytest.approx(200 * SECONDS, rel=0.1)  # a busy machine may run the board a little slow
     assert recording.is_uniform
     report = {"seconds": SECONDS, "recorded": recording.n, "host share of a core": round(share, 4), **q.to_json()}
     (tmp_path / "report.json").write_text(json.dumps(report))
