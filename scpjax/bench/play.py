@@ -26,6 +26,7 @@ _CHUNK = 12
 _SLOTS = 250  # of the board's table
 _GRID_TICKS = 4
 _SPARE_S = 3.0
+_UNHEARD_S = 0.5  # after the end, when its event was lost on the line
 
 
 @dataclass(frozen=True)
@@ -248,7 +249,8 @@ def _run(
         passed = rig.device.now() - began
         if watch is not None:
             watch(min(passed, len(entries) * step_s))
-        if _over(rig, ended):
+        unheard = passed > len(entries) * step_s + _UNHEARD_S and rig.last is not None and rig.last.mode == m.IDLE
+        if _over(rig, ended) or unheard:
             return
         if rig.device.now() > until:
             raise BoardFault("the table did not end in time", where=rig.device.name, mend="check the board")

@@ -23,7 +23,7 @@ from scpjax.recordings.files import read_recording
 from scpjax.recordings.recording import Recording
 
 EXCITATIONS = ("step", "step_difference", "stair", "multilevel", "prbs", "triangle", "rest")
-_STILL_COUNTS = 4.0  # of a sum of four conversions, and half as much more for its noise
+_STILL_COUNTS = 2.0  # of a sum of four conversions, from one half of that time to the other
 _STILL_S = 10.0
 
 
@@ -85,25 +85,21 @@ def rest(rig: Rig, *, most: float = 600.0, watch: Watch | None = None) -> float:
     """Power off until nothing has changed for 10 s; the time it took [s], ``most`` at the most."""
     rig.stop()
     began, seen = rig.device.now(), deque[tuple[float, Sample]]()
-    fast = _mean_of([])
     for time, sample in rig.samples(most):
         seen.append((time, sample))
-        while time - seen[0][0] > _STILL_S:
-            seen.popleft()
         if watch is not None:
             watch(rig.device.now() - began)
-        if time - seen[0][0] > _STILL_S - 2 * rig.period - 0.1 and len(seen) >= 4:
-            half = len(seen) // 2
-            items = list(seen)
-            fast = _mean_of(items[:half]) - _mean_of(items[half:])
-            if np.max(np.abs(fast)) < _STILL_COUNTS / 2:
-                break
+        if time - seen[0][0] < _STILL_S:
+            continue
+        seen.popleft()
+        items = list(seen)
+        half = len(items) // 2
+        if half and np.max(np.abs(_mean_of(items[:half]) - _mean_of(items[half:]))) < _STILL_COUNTS:
+            break
     return rig.device.now() - began
 
 
 def _mean_of(items: list[tuple[float, Sample]]) -> np.ndarray:
-    if not items:
-        return np.zeros(3)
     return np.mean([(*s.thermistors, s.position) for _, s in items], axis=0)
 
 

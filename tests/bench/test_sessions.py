@@ -18,7 +18,7 @@ from scpjax.bench.errors import BenchError
 from scpjax.bench.live import Live
 from scpjax.bench.messages import Resistance, Sample
 from scpjax.bench.parameters import BoardConfig
-from scpjax.bench.play import follow, profile, set_gains
+from scpjax.bench.play import Profile, follow, play, profile, set_gains
 from scpjax.bench.quality import Quality
 from scpjax.bench.rig import Rig, RigOptions
 from scpjax.bench.sessions import EXCITATIONS, Excite, calibrate, record_profile, rest
@@ -195,6 +195,18 @@ def test_uneven_times_are_put_on_a_grid():
     on = np.flatnonzero(found.counts[:, 0] == 255) * 0.02
     assert on[0] == pytest.approx(0.14, abs=0.011)
     assert np.all((found.counts[:, 0] == 0) | (found.counts[:, 0] == 255))
+
+
+def test_a_table_whose_end_is_lost_on_the_line_ends():
+    class Deaf(EmulatedDevice):
+        def _tick(self):
+            return b"".join(line for line in super()._tick().splitlines(keepends=True) if not line.startswith(b"$E"))
+
+    with Rig(Deaf()) as rig:
+        began = rig.device.now()
+        play(rig, Profile(np.full((100, 1), 50), 4))
+        assert 2.4 < rig.device.now() - began < 3.5
+        assert rig.events == []
 
 
 def test_rest_waits_until_nothing_changes():
