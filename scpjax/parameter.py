@@ -4,9 +4,10 @@ the unconstrained numbers that a least-squares solver moves."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -45,6 +46,11 @@ class Parameter:
             raise ValueError(f"{self.name}: a log-scaled parameter needs a positive lower bound")
 
 
+def namespace(*values: Any) -> Any:
+    """`jax.numpy` where any value is JAX's; else `numpy`, for which nothing is compiled."""
+    return jnp if any(isinstance(v, jax.Array) for v in values) else np
+
+
 class Bounded(eqx.Module):
     """Vectorised map between physical values and unconstrained ones, for a whole parameter vector.
 
@@ -64,31 +70,36 @@ class Bounded(eqx.Module):
         finite = np.isfinite(low) & np.isfinite(high)
         low = np.where(log, np.log(np.where(log, low, 1.0)), np.where(finite, low, -1.0))
         high = np.where(log, np.log(np.where(log, high, 2.0)), np.where(finite, high, 1.0))
-        self.log, self.finite = jnp.asarray(log), jnp.asarray(finite)
-        self.mid, self.half = jnp.asarray((low + high) / 2), jnp.asarray((high - low) / 2)
-        self.scale = jnp.asarray(np.asarray(scale, float))
+        self.log, self.finite = log, finite
+        self.mid, self.half = (low + high) / 2, (high - low) / 2
+        self.scale = np.asarray(scale, float)
 
     def to_inner(self, free: Float[Array, " p"]) -> Float[Array, " p"]:
         """Unconstrained to the scale on which priors are natural: ln(value) or value."""
-        bounded = self.mid + self.half * jnp.tanh(free / self.half)
-        return jnp.where(self.finite, bounded, self.scale * free)
+        xp = namespace(free, self.mid)
+        bounded = self.mid + self.half * xp.tanh(free / self.half)
+        return xp.where(self.finite, bounded, self.scale * free)
 
     def to_value(self, free: Float[Array, " p"]) -> Float[Array, " p"]:
         """Unconstrained to physical."""
         inner = self.to_inner(free)
-        return jnp.where(self.log, jnp.exp(jnp.where(self.log, inner, 0.0)), inner)
+        xp = namespace(inner)
+        return xp.where(self.log, xp.exp(xp.where(self.log, inner, 0.0)), inner)
 
     def inner_of(self, value: Float[Array, " p"] | np.ndarray) -> Float[Array, " p"]:
         """Physical to ln(value) or value."""
-        return jnp.where(self.log, jnp.log(jnp.where(self.log, jnp.maximum(value, 1e-300), 1.0)), value)
+        xp = namespace(value, self.mid)
+        return xp.where(self.log, xp.log(xp.where(self.log, xp.maximum(value, 1e-300), 1.0)), value)
 
     def to_free(self, value: Float[Array, " p"] | np.ndarray, margin: float = 1e-3) -> Float[Array, " p"]:
         """Physical to unconstrained; values at or beyond a bound are moved just inside it."""
         inner = self.inner_of(value)
-        share = jnp.clip((inner - self.mid) / self.half, -1 + margin, 1 - margin)
-        return jnp.where(self.finite, self.half * jnp.arctanh(share), inner / self.scale)
+        xp = namespace(inner)
+        share = xp.clip((inner - self.mid) / self.half, -1 + margin, 1 - margin)
+        return xp.where(self.finite, self.half * xp.arctanh(share), inner / self.scale)
 
     def slope(self, free: Float[Array, " p"]) -> Float[Array, " p"]:
         """d(value)/d(free), entry by entry: for error bars."""
-        inner = jnp.where(self.finite, 1 - jnp.tanh(free / self.half) ** 2, self.scale)
-        return jnp.where(self.log, inner * self.to_value(free), inner)
+        xp = namespace(free, self.mid)
+        inner = xp.where(self.finite, 1 - xp.tanh(free / self.half) ** 2, self.scale)
+        return xp.where(self.log, inner * self.to_value(free), inner)

@@ -1,8 +1,14 @@
-"""What all tests share: double precision, a cache of compiled functions, and where the recordings lie."""
+"""What all tests share: double precision, programs compiled quickly and kept, and where the recordings lie."""
 
 import os
 import tempfile
+from importlib.metadata import version
 from pathlib import Path
+
+if (0, 7) <= tuple(int(n) for n in version("jaxlib").split(".")[:2]) <= (0, 10):  # of which XLA is known to know them
+    # most programs here run for milliseconds: those that run longer ask for more (`scpjax.compiled`)
+    quick = "backend_optimization_level=0 cpu_use_fusion_emitters=false llvm_disable_expensive_passes=true"
+    os.environ.setdefault("XLA_FLAGS", " ".join(f"--xla_{flag}" for flag in quick.split()))
 
 import jax
 import pytest
@@ -15,6 +21,23 @@ jax.config.update(
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
 ROOT = Path(__file__).resolve().parents[1]
+
+
+_LONGEST = ("acceptance", "test_notebooks.py", "test_readme.py", "test_experiment.py", "test_recovery.py", "physics")
+_DOCUMENTS = ("test_notebooks.py", "test_readme.py")  # they diagnose the same example, once
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests of a file stay in one process, and the longest begin first."""
+
+    def rank(item: pytest.Item) -> int:
+        names = item.path.parts
+        return next((i for i, name in enumerate(_LONGEST) if name in names), len(_LONGEST))
+
+    for item in items:
+        together = "documents" if item.path.name in _DOCUMENTS else str(item.path)
+        item.add_marker(pytest.mark.xdist_group(together))
+    items.sort(key=rank)
 
 
 def _folder(path: Path) -> Path:

@@ -18,6 +18,7 @@ RANK = {
     "errors": 0,
     "units": 1,
     "parameter": 1,
+    "compiled": 1,
     "recordings": 2,
     "physics": 3,
     "simulate": 4,

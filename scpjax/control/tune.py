@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from scpjax.compiled import quickly_compiled
 from scpjax.control.controller import Controller, Scalar
 from scpjax.control.errors import ControlError
 from scpjax.control.loop import Response
@@ -138,7 +139,7 @@ def _move(point: Point, damping: Scalar, low: Array, high: Array) -> Array:
 _FARTHEST = 1.5  # of one step, in ln(gain)
 
 
-@eqx.filter_jit
+@quickly_compiled
 def _refine(
     problem: Problem, free: tuple[str, ...], starts: Float[Array, "k p"], low: Array, high: Array, steps: int
 ) -> tuple[Point, Float[Array, "steps k"]]:
@@ -258,13 +259,13 @@ class _Counter:
         return np.where(np.isfinite(found), found, np.inf)
 
 
-@eqx.filter_jit
+@quickly_compiled
 def values_at(problem: Problem, free: tuple[str, ...], points: Float[Array, "s p"]) -> Float[Array, " s"]:
     """Objective at each of many points, ln(values) of what is ``free``."""
     return jax.vmap(lambda at: value_at(problem, free, at))(points)
 
 
-@eqx.filter_jit
+@quickly_compiled
 def _given_value(problem: Problem) -> Scalar:
     return problem.value(problem.loop.controller)
 

@@ -11,7 +11,7 @@ from scpjax.diagnose.closure import Learned
 from scpjax.diagnose.expression import describe
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.locate import Binned, locate
-from scpjax.diagnose.outside import AT_NOISE, level
+from scpjax.diagnose.outside import AT_NOISE, form_at_most, level
 from scpjax.diagnose.result import Closure, Diagnosis, Latent, Named, Scores, Verdict
 from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State, residual_on
@@ -38,8 +38,6 @@ def answer(
     setup = base.setup
     state = learned.state if learned else choice.state
     problem = state.setup
-    held = np.where(parts.mask, np.asarray(parts.whole.weights), 0.0)
-    train = np.asarray(parts.train.weights)
     final, final_data = _final(parts, state)
     base_final, _ = _final(parts, base)
     doubt = uncertainty(final, final_data, problem.space, coloured=final_data is parts.whole)
@@ -47,24 +45,13 @@ def answer(
     named = _named(choice, every)
     closure = describe(learned, every) if learned else None
     subsystem = closure.subsystem if closure and not named else _subsystem(choice, lacking)
-    verdict, says = _verdict(choice.state, parts, named, closure)
-    noise = noise_by_column(setup)
+    verdict, says = _verdict(base, choice.state, state, parts, named, closure)
     model = " + ".join((setup.structure.name, *choice.state.names, *(["closure"] if learned else [])))
     return Diagnosis(
         verdict=verdict,
         says=says,
-        base=Scores(
-            setup.structure.name,
-            scores(setup, parts.train, base.trial, train),
-            scores(setup, parts.whole, base.trial, held),
-            noise,
-        ),
-        extended=Scores(
-            model,
-            scores(problem, parts.train, state.trial, train),
-            scores(problem, parts.whole, state.trial, held),
-            noise,
-        ),
+        base=_scores(setup.structure.name, base, parts),
+        extended=_scores(model, state, parts),
         location=locate(setup, binned, subsystem, lacking),
         mechanisms=named,
         ranking=choice.ranking,
@@ -83,6 +70,17 @@ def answer(
             **settings,
             "held_out": "25-35 %, 60-70 % and 90-100 % of every recording",
         },
+    )
+
+
+def _scores(model: str, state: State, parts: Split) -> Scores:
+    """How well a hypothesis fits what it was fitted to, and predicts what was held out."""
+    held = np.where(parts.mask, np.asarray(parts.whole.weights), 0.0)
+    return Scores(
+        model,
+        scores(state.setup, parts.train, state.trial, np.asarray(parts.train.weights)),
+        scores(state.setup, parts.whole, state.trial, held),
+        noise_by_column(state.setup),
     )
 
 
@@ -139,7 +137,10 @@ def _subsystem(choice: Choice, lacking: Sequence[Latent]) -> str:
     return lacking[0].subsystem
 
 
-def _verdict(state: State, parts: Split, named: tuple[Named, ...], closure: Closure | None) -> tuple[Verdict, str]:
+def _verdict(
+    base: State, state: State, final: State, parts: Split, named: tuple[Named, ...], closure: Closure | None
+) -> tuple[Verdict, str]:
+    """``state`` holds what is named, ``final`` the closure as well, if there is one."""
     ratio = level(state, parts)
     names = " and ".join(m.title[0].lower() + m.title[1:] for m in named)
     learned = f" Learned in its place: {closure.expression}." if closure else ""
@@ -153,6 +154,12 @@ def _verdict(state: State, parts: Split, named: tuple[Named, ...], closure: Clos
         )
     if ratio <= AT_NOISE:
         return "explained", f"Left out of the base model: {names}. With it the misfit is down to the noise."
+    if closure and form_at_most(base, state, parts) and level(final, parts) <= AT_NOISE:
+        return (
+            "explained",
+            f"Left out of the base model: {names}. It leaves {ratio:.1f} times the noise, which a correction of its "
+            f"law's form takes away: {closure.expression}.",
+        )
     return (
         "unexplained",
         f"Left out of the base model: {names}; but the misfit is still {ratio:.1f} times the noise, so something "

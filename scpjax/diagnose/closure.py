@@ -16,6 +16,7 @@ import numpy as np
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.select import Comparison, Evidence, compare
 from scpjax.diagnose.trials import State, at_noise, fit_leading, grown, laws_of
+from scpjax.fit.identifiability import uncertainty
 from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.setup import Setup, carry
 from scpjax.fit.solve import AT_ONCE, batches, binned_of, evaluate, make_room, solve_all, stack
@@ -192,16 +193,11 @@ def _pruned(
 
 def _certainty(problem: Setup, state: State, split: Split, chosen: Sequence[str]) -> dict[str, float]:
     """Size of each coefficient in units of its standard deviation."""
-    here = evaluate(stack([state.trial]), split.train, problem.space)
-    jacobian, index = np.asarray(here.jacobian[0]), np.asarray(state.trial.index)
-    size = np.linalg.norm(jacobian, axis=0)
-    moving = np.flatnonzero(size > 0)
-    scaled = jacobian[:, moving] / size[moving]
-    spread = np.sqrt(np.diag(np.linalg.pinv(scaled.T @ scaled))) / size[moving]
-    at = {int(index[c]): float(s) for c, s in zip(moving, spread, strict=True)}
+    doubt = uncertainty(state.trial, split.train, problem.space, coloured=False)
+    spread = dict(zip(doubt.keys, doubt.std_free, strict=True))
     value = np.asarray(state.trial.free)
     entry = problem.structure.index
-    return {k: abs(float(value[entry[k]])) / at[entry[k]] if entry[k] in at else 0.0 for k in chosen}
+    return {k: abs(float(value[entry[k]])) / spread[k] if spread[k] > 0 else 0.0 for k in chosen}
 
 
 def _without_term(problem: Setup, state: State, out: str) -> Trial:

@@ -17,6 +17,7 @@ _SYMBOLS = (
     ("velocity", "v", "mm/s", 1e3),
     ("effort", "u", "drive", 1.0),
 )
+_RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 _WHAT = {
     "learned_heat": ("heat lost", "W", "thermoelectric"),
     "learned_force": ("force against contraction", "N", "thermomechanical"),
@@ -71,10 +72,10 @@ def _product(term: Term) -> tuple[str, str]:
         power = getattr(term, name)
         if not power:
             continue
-        raised = {1: "", 2: "²", 3: "³"}[power]
+        raised = "" if power == 1 else str(power).translate(_RAISED)
         if name == "velocity" and not (term.odd and power == 1):
             words.append(f"|{symbol}|" if power == 1 else f"|{symbol}| {symbol}")
         else:
             words.append(symbol + raised)
-        units.append(unit + raised)
+        units.append(f"({unit}){raised}" if raised and "/" in unit else unit + raised)
     return " ".join(words), f"/({' '.join(units)})"

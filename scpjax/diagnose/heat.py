@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from scpjax.compiled import quickly_compiled
 from scpjax.diagnose.separation import Rival
 from scpjax.diagnose.trials import State
 from scpjax.errors import FitError
@@ -26,7 +27,7 @@ def reached(state: State, data: Data) -> float:
     return float(_reached(state.trial, data, state.setup.space))
 
 
-@eqx.filter_jit
+@quickly_compiled
 def _reached(trial: Trial, data: Data, space: Space) -> Array:
     model, local_values = unpack(trial.free, trial, space)
     sides = len(space.structure.sides)

@@ -10,10 +10,11 @@ from scpjax.diagnose.closure import Learned, learn
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Latent
 from scpjax.diagnose.select import Choice, Evidence
-from scpjax.diagnose.trials import State
+from scpjax.diagnose.trials import State, misfit
 
 AT_NOISE = 1.15  # ratio of residual to noise, in some column, up to which nothing more is asked for
 _LITTLE_LEFT = 0.05  # of the held-out misfit in excess of the noise: what names may leave unsought
+_NEAR_NOISE = 4.0  # ratio of residual to noise, up to which what is left may be the form of a law
 _NEARLY = 0.8  # of the share of the misfit that the best balance can answer for: one that can do so too
 _COMPLETE = 0.1  # of the misfit: what a closure alone may leave to be an explanation in place of names
 _FAR_BETTER = 0.5  # ratio of what it leaves to what the names leave, below which they are false
@@ -21,13 +22,11 @@ _FAR_BETTER = 0.5  # ratio of what it leaves to what the names leave, below whic
 
 def level(state: State, parts: Split) -> float:
     """RMS misfit in units of the noise, in the column where it is greatest."""
-    there = parts.is_train | parts.is_held
-    columns = [j for j in range(there.shape[2]) if there[..., j].any()]
-    return max(float(np.sqrt(np.mean(state.residual[..., j][there[..., j]] ** 2))) for j in columns)
+    return float(np.sqrt(np.max(misfit(state, parts))))
 
 
-def _excess(state: State, there: np.ndarray) -> float:
-    """Sum of squares beyond what the noise makes."""
+def _unexplained(state: State, there: np.ndarray) -> float:
+    """Sum of squares, of the samples ``there``, beyond what the noise makes."""
     return max(float(np.sum(state.residual[there] ** 2) - there.sum()), 0.0)
 
 
@@ -37,21 +36,31 @@ def able(lacking: Sequence[Latent]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(m.subsystem for m in lacking if m.explained > _NEARLY * best))
 
 
+def form_at_most(base: State, state: State, parts: Split) -> bool:
+    """Whether names leave so little that it may be what the true law's form differs by from theirs."""
+    whole, left = (_unexplained(s, parts.is_held) for s in (base, state))
+    return bool(state.names) and left <= _LITTLE_LEFT * whole
+
+
 def beyond_names(
     parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str]
 ) -> tuple[Choice, Learned | None]:
     """What is to be said when the named mechanisms do not reach the noise.
 
     Names are false if a closure without them explains nearly all of the held-out misfit, and far better than they do.
-    A closure is learned beyond the names that stay.
+    A closure is learned beyond the names that stay; in their balances, as a correction of their laws, where they leave
+    little.
     """
     held = parts.is_held
-    whole, left = _excess(base, held), _excess(choice.state, held)
-    if left <= _LITTLE_LEFT * whole:
-        return choice, None
+    whole, left = _unexplained(base, held), _unexplained(choice.state, held)
+    if form_at_most(base, choice.state, parts):
+        if level(choice.state, parts) > _NEAR_NOISE:
+            return choice, None
+        mine = (choice.state.setup.structure.mechanism(n).subsystem for n in choice.state.names)
+        return choice, learn(choice.state, parts, rules, ["thermoelectric" if m == "drive" else m for m in mine])
     alone = learn(base, parts, rules, where)
     if not choice.state.names:
         return choice, alone
-    if alone is not None and _excess(alone.state, held) < min(_COMPLETE * whole, _FAR_BETTER * left):
+    if alone is not None and _unexplained(alone.state, held) < min(_COMPLETE * whole, _FAR_BETTER * left):
         return Choice(base, choice.ranking, {}, {}), alone
     return choice, learn(choice.state, parts, rules)

@@ -66,7 +66,7 @@ _LITTLE = 12.0  # promise less than which a mechanism is not worth fitting
 _BEHIND = 0.2  # of the leader's promise, less than which it is not
 _FAR_BEHIND = 0.6  # of it, less than which nothing more is fitted once a mechanism has reached the noise
 _AT_LEAST, _AT_MOST, _LATER = 2, 5, 3  # mechanisms fitted; of them beside others already named
-_COARSE = 1e-4  # the same, as a share of the sum of squares, for trials that are only to show what they are worth
+_COARSE = 1e-4  # half the fall of the sum of squares in one step, as a share of it, with which a trial need not go on
 _STARTS = 8  # of one mechanism, at most
 
 

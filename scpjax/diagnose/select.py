@@ -10,7 +10,7 @@ import numpy as np
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.screen import fit_promising, screen
-from scpjax.diagnose.trials import State, afresh, at_noise, at_rest, start_value, trial_at, without
+from scpjax.diagnose.trials import State, afresh, at_noise, at_rest, misfit, start_value, trial_at, without
 from scpjax.fit.colour import Whitener
 from scpjax.fit.setup import Setup, laws_that_can_act
 from scpjax.physics.mechanism import Mechanism
@@ -144,10 +144,7 @@ class Choice:
 
 def excess(state: State, split: Split) -> np.ndarray:
     """Mean square beyond what the noise makes, by column; 0 where there is none."""
-    there = split.is_train | split.is_held
-    columns = range(there.shape[2])
-    return np.array([max(np.mean(state.residual[..., j][there[..., j]] ** 2) - 1.0, 0.0) if there[..., j].any() else 0.0
-                     for j in columns])  # fmt: skip
+    return np.maximum(misfit(state, split) - 1.0, 0.0)
 
 
 def worthwhile(before: State, after: State, base: State, split: Split, share: float) -> bool:

@@ -22,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from scpjax.compiled import quickly_compiled
 from scpjax.diagnose.trials import State
 from scpjax.fit.data import Data
 from scpjax.fit.identifiability import correlation_time
@@ -130,7 +131,7 @@ def _said(moving: Array, r: Rival, drive: Array, step: Array, weights: Array) ->
     return jax.vmap(model.observe)(states, efforts) * weights, hot
 
 
-@eqx.filter_jit
+@quickly_compiled
 def _sensitivities(
     moving: Array, r: Rival, drive: Array, step: Array, weights: Array
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
@@ -140,7 +141,7 @@ def _sensitivities(
     return jax.vmap(along, out_axes=(None, -1))(jnp.eye(moving.shape[0], dtype=moving.dtype))
 
 
-@eqx.filter_jit
+@quickly_compiled
 def _pulled(moving: Array, r: Rival, drive: Array, step: Array, weights: Array, by: tuple[Array, Array]) -> Array:
     """Derivative by the drive (n, sides) of predictions (n, y) and temperatures (n, sides) weighted ``by``."""
     return jax.vjp(lambda u: _said(moving, r, u, step, weights), drive)[1](by)[0]

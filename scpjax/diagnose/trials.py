@@ -137,14 +137,16 @@ FEW, _NEARLY = 12, 0.2  # steps of all; of the leader's gain after them, with le
 TOLERANCE = 0.02  # half the fall of the sum of squares in one step with which a trial has come to rest
 
 
+def misfit(state: State, split: Split) -> np.ndarray:
+    """Mean square of the residuals by column (y,), in units of the noise's; 1 where nothing was recorded."""
+    there = split.is_train | split.is_held
+    count = there.sum(axis=(0, 1))
+    return np.where(count, np.sum(state.residual**2, axis=(0, 1), where=there) / np.maximum(count, 1), 1.0)
+
+
 def at_noise(state: State, split: Split, level: float = 1.05) -> bool:
     """Whether the mean square of the residuals is down to the noise in every column, to within ``level``."""
-    there = split.is_train | split.is_held
-    return all(
-        float(np.mean(state.residual[..., j][there[..., j]] ** 2)) < level
-        for j in range(there.shape[2])
-        if there[..., j].any()
-    )
+    return bool(np.all(misfit(state, split) < level))
 
 
 def go_on(

@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from scpjax.compiled import quickly_compiled
 from scpjax.fit.data import Data
 from scpjax.fit.problem import Space, Trial, binned_residuals, residuals, unpack
 
@@ -65,7 +66,7 @@ def fill(effort: np.ndarray, gaps: tuple[Gap, ...], shares: np.ndarray) -> np.nd
     return out
 
 
-@eqx.filter_jit
+@quickly_compiled
 def _responses(efforts: jax.Array, trial: Trial, data: Data, space: Space) -> jax.Array:
     model, local_values = unpack(trial.free, trial, space)
 
@@ -75,7 +76,7 @@ def _responses(efforts: jax.Array, trial: Trial, data: Data, space: Space) -> ja
     return jax.vmap(one)(efforts)
 
 
-@eqx.filter_jit
+@quickly_compiled
 def _parameter_columns(trial: Trial, data: Data, space: Space) -> jax.Array:
     moving = trial.free[trial.index]
     columns = jax.jacfwd(residuals)(moving, trial, data, space)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from scpjax.fit.data import Data
-from scpjax.parameter import Bounded
+from scpjax.parameter import Bounded, namespace
 from scpjax.physics.model import Model
 from scpjax.physics.structure import Structure
 from scpjax.simulate.drive import Grid
@@ -153,7 +153,8 @@ class Space(eqx.Module):
 
     def values(self, free: Float[Array, " all+1"], fixed: Float[Array, " all"], active: Bool[Array, " all"]) -> Array:
         """Physical values: of the active entries from ``free``, of the others from ``fixed``."""
-        return jnp.where(active, self.bounds.to_value(free[:-1]), fixed)
+        value = self.bounds.to_value(free[:-1])
+        return namespace(value, active).where(active, value, fixed)
 
 
 class Trial(eqx.Module):

@@ -58,14 +58,8 @@ class Setup:
         index = np.concatenate([index, np.full(max(width - len(index), 0), size)])
         moved = np.where(active, value, np.where(np.isfinite(self.fixed), self.fixed, 1.0))
         free = np.concatenate([np.asarray(self.space.bounds.to_free(moved)), [0.0]])
-        laws = np.zeros(len(self.structure.mechanisms)) if laws is None else laws
-        return Trial(
-            jnp.asarray(index),
-            jnp.asarray(free),
-            jnp.asarray(self.fixed),
-            jnp.asarray(active),
-            jnp.asarray(laws),
-        )
+        laws = np.zeros(len(self.structure.mechanisms)) if laws is None else np.asarray(laws)
+        return Trial(index, free, np.asarray(self.fixed), np.asarray(active), laws)
 
 
 def carry(old: Structure, new: Structure, vector: np.ndarray, default: np.ndarray) -> np.ndarray:

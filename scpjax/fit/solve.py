@@ -14,6 +14,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
+from scpjax.compiled import quickly_compiled
 from scpjax.fit.data import Data
 from scpjax.fit.problem import CEILING, Space, Trial, binned_residuals, residuals, simulated, whitened
 from scpjax.physics.model import Model
@@ -148,15 +149,16 @@ def solve(
     n = trials.free.shape[0]
     idle = max(AT_ONCE - n, 0)
     if idle:
-        trials = jax.tree.map(lambda x: jnp.concatenate([x, jnp.repeat(x[-1:], idle, axis=0)]), trials)
-    found = _solve(trials, data, space, jnp.asarray(n), jnp.asarray(max_steps), jnp.asarray(tolerance), robust)
-    return jax.tree.map(lambda x: x[:n], found) if idle else found
+        trials = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], idle, axis=0)]), trials)
+    found = _solve(trials, data, space, np.asarray(n), np.asarray(max_steps), np.asarray(tolerance), robust)
+    return jax.tree.map(lambda x: np.asarray(x)[:n], found)
 
 
-@eqx.filter_jit
+@quickly_compiled
 def _solve(
     trials: Trial, data: Data, space: Space, count: Array, max_steps: Array, tolerance: Array, robust: float
 ) -> Solution:
+    @jax.jit  # traced once, for its shapes and for what it does
     def one(trial: Trial) -> Solution:
         return solve_one(trial, data, space, max_steps=max_steps, tolerance=tolerance, robust=robust)
 
@@ -182,7 +184,7 @@ def solve_fleet(
     return _solve_fleet(trials, data, spaces, jnp.asarray(max_steps), jnp.asarray(tolerance), robust)
 
 
-@eqx.filter_jit
+@quickly_compiled
 def _solve_fleet(
     trials: Trial, data: Data, spaces: Space, max_steps: Array, tolerance: Array, robust: float
 ) -> Solution:
@@ -192,7 +194,7 @@ def _solve_fleet(
     return jax.vmap(one)(trials, data, spaces)
 
 
-@eqx.filter_jit
+@quickly_compiled
 def outputs_of(trial: Trial, data: Data, space: Space) -> Float[Array, "r n y"]:
     """Simulated outputs of a trial at its free vector."""
     return simulated(trial.free, trial, data, space)
@@ -253,12 +255,12 @@ def residuals_at(values: np.ndarray, laws: np.ndarray, data: Data, space: Space)
     for i in range(0, len(values), _FORWARD):
         part, kept = values[i : i + _FORWARD], laws[i : i + _FORWARD]
         fill = ((0, _FORWARD - len(part)), (0, 0))
-        found = _forward(jnp.asarray(np.pad(part, fill, "edge")), jnp.asarray(np.pad(kept, fill, "edge")), data, space)
+        found = _forward(np.pad(part, fill, "edge"), np.pad(kept, fill, "edge"), data, space)
         out.append(np.asarray(found)[: len(part)])
     return np.concatenate(out)
 
 
-@eqx.filter_jit
+@quickly_compiled
 def _forward(values: Array, laws: Array, data: Data, space: Space) -> Float[Array, "m r k y"]:
     def one(value: Array, law: Array) -> Array:
         model = Model(space.structure, value[: space.n_theta], law)
@@ -271,7 +273,7 @@ def _forward(values: Array, laws: Array, data: Data, space: Space) -> Float[Arra
 
 def stack(trials: Sequence[Trial]) -> Trial:
     """Trials side by side."""
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trials)
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *trials)
 
 
 def pick(trials: Trial, i: int | Array) -> Trial:

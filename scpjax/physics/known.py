@@ -36,20 +36,12 @@ def known_model(
     """
     if name not in KNOWN_MODELS:
         raise ModelError(f"no model named {name!r}", mend=f"use one of {', '.join(KNOWN_MODELS)}")
-    a = _ACTUATOR
-    coefficient, stiffness, damping = (_given(v) for v in (a.force_N_per_K, a.stiffness_N_per_m, a.damping_Ns_per_m))
     if name == "tm":
-        if drive != "temperature":
-            raise ModelError(
-                "the preset tm is driven by a temperature",
-                mend="give a temperature_degC column, or use plant",
-            )
-        return presets.tm(coefficient=coefficient, stiffness=stiffness, damping=damping, mass=a.mass_kg)
-    ambient = 293.15 if ambient is None else ambient
+        return _mechanical(drive)
     gains = {
-        "voltage": 1 / a.resistance_ohm,
-        "pwm": 1 / a.resistance_ohm,
-        "current": a.resistance_ohm,
+        "voltage": 1 / _ACTUATOR.resistance_ohm,
+        "pwm": 1 / _ACTUATOR.resistance_ohm,
+        "current": _ACTUATOR.resistance_ohm,
         "power": 1.0,
     }
     if drive not in gains:
@@ -57,34 +49,45 @@ def known_model(
             f"the preset {name} has no gain for this drive",
             mend="give voltage_V, pwm, current_A or power_W, or fit a model first",
         )
-    if name == "te":
-        model = presets.te(
-            resistance=a.resistance_ohm,
-            conductance=_given(a.conductance_W_per_K),
-            thermal_mass=a.heat_capacity_J_per_K,
-            ambient=ambient,
-        )
-    elif name == "thesis":
-        (row,) = TABLE_3_5.rows
-        compact = presets.Compact(b0=row.b0, a2=row.a2, a1=row.a1, a0=row.a0)
-        model = presets.from_compact(
-            compact, mass=a.mass_kg, resistance=a.resistance_ohm, thermal_mass=a.heat_capacity_J_per_K
-        )
-        model = eqx.tree_at(lambda m: m.ambient, model, model.ambient * 0 + ambient)
-    else:
-        model = presets.plant(
-            resistance=a.resistance_ohm,
-            conductance=_given(a.conductance_W_per_K),
-            thermal_mass=a.heat_capacity_J_per_K,
-            coefficient=coefficient,
-            stiffness=stiffness,
-            damping=damping,
-            mass=a.mass_kg,
-            ambient=ambient,
-        )
+    model = _driven(name, 293.15 if ambient is None else ambient)
     if name == "aaa":
         model = presets.aaa(model, pulley_radius=pulley_radius or _PULLEY_RADIUS, pulley_mass=pulley_mass or 0.0)
     return with_drive(model, drive).replace({"joule_heating.gain": gains[drive]})
+
+
+def _mechanical(drive: DriveKind) -> Model:
+    """The thermomechanical model (3.4)-(3.5) of Table 4.14."""
+    if drive != "temperature":
+        raise ModelError(
+            "the preset tm is driven by a temperature",
+            mend="give a temperature_degC column, or use plant",
+        )
+    a = _ACTUATOR
+    coefficient, stiffness, damping = (_given(v) for v in (a.force_N_per_K, a.stiffness_N_per_m, a.damping_Ns_per_m))
+    return presets.tm(coefficient=coefficient, stiffness=stiffness, damping=damping, mass=a.mass_kg)
+
+
+def _driven(name: str, ambient: float) -> Model:
+    """One heated actuator: ``te`` and ``plant`` of Table 4.14 (also of a joint's), ``thesis`` of (4.4)."""
+    a = _ACTUATOR
+    heat = {"resistance": a.resistance_ohm, "conductance": _given(a.conductance_W_per_K)}
+    heat |= {"thermal_mass": a.heat_capacity_J_per_K, "ambient": ambient}
+    if name == "te":
+        return presets.te(**heat)
+    if name != "thesis":
+        return presets.plant(
+            **heat,
+            coefficient=_given(a.force_N_per_K),
+            stiffness=_given(a.stiffness_N_per_m),
+            damping=_given(a.damping_Ns_per_m),
+            mass=a.mass_kg,
+        )
+    (row,) = TABLE_3_5.rows
+    compact = presets.Compact(b0=row.b0, a2=row.a2, a1=row.a1, a0=row.a0)
+    model = presets.from_compact(
+        compact, mass=a.mass_kg, resistance=a.resistance_ohm, thermal_mass=a.heat_capacity_J_per_K
+    )
+    return eqx.tree_at(lambda m: m.ambient, model, model.ambient * 0 + ambient)
 
 
 def with_drive(model: Model, drive: DriveKind) -> Model:

@@ -71,7 +71,7 @@ def write_diagnosis(
         _where(d, shapes),
         lacking,
         page.section(
-            "What was left out", *(_mechanism(m) for m in d.mechanisms), _nothing_named(d), missing.learned(d.closure)
+            "What was left out", *(_mechanism(m) for m in d.mechanisms), _nothing_named(d), missing.learned(d)
         ),
         page.section(
             "Before and after",

@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 from matplotlib.figure import Figure
 
-from scpjax.diagnose.result import Closure, Diagnosis, Latent
+from scpjax.diagnose.result import Diagnosis, Latent
 from scpjax.report import page, plot
 from scpjax.report.numbers import number, percent
 from scpjax.report.plot import EXTENDED, FAINT, TEXT, new_figure, style
@@ -109,19 +109,27 @@ def _shown(d: Diagnosis) -> Latent:
     return (here or list(d.missing))[0]
 
 
-def learned(c: Closure | None) -> str:
-    """A card with the expression learned where no name was earned."""
+def learned(d: Diagnosis) -> str:
+    """A card with the expression learned where no name was earned, or beside names whose law differs in form."""
+    c = d.closure
     if c is None:
         return ""
+    corrects = d.verdict == "explained"
+    place = escape(c.place.removeprefix("learned_").replace("_", " "))
+    why = (
+        "The mechanisms named explain nearly all of the misfit; this sum of terms corrects the form of their laws."
+        if corrects
+        else "No mechanism of the catalogue explains it, but this sum of terms does better than none."
+    )
     return "\n".join(
         (
             '<div class="card">',
-            f"<header><h3>Learned, not named: {escape(c.place.removeprefix('learned_').replace('_', ' '))}</h3>"
+            f"<header><h3>{'Correction' if corrects else 'Learned, not named'}: {place}</h3>"
             f'<span class="soft small">removes {percent(max(c.held_out_gain, 0.0))} of the held-out misfit · fall of '
             f"the BIC {number(c.delta_bic, 3)}</span></header>",
             page.text(
-                "No mechanism of the catalogue explains it. This sum of terms, fitted through the simulation, predicts "
-                "what was held out; ± is one standard error. It holds in the range of these recordings only."
+                f"{why} It was fitted through the simulation and judged on what was held out; ± is one standard error. "
+                "It holds in the range of these recordings only."
             ),
             f'<div class="equation">{escape(c.expression)}</div>',
             "</div>",

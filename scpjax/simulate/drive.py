@@ -6,12 +6,12 @@ All of it is differentiable in the recorded values and in the dead time.
 from __future__ import annotations
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from scpjax.errors import ModelError
+from scpjax.parameter import namespace
 from scpjax.physics.structure import DriveKind, Structure
 from scpjax.recordings.recording import Hold, Recording
 
@@ -112,11 +112,6 @@ def grid_of(
     return base / substeps, steps, at, np.clip(position - at, 0.0, 1.0)
 
 
-def _space_of(x: Array | np.ndarray):
-    """jax.numpy for jax arrays, so that what follows can be differentiated; numpy, which compiles nothing, else."""
-    return jnp if isinstance(x, jax.Array) else np
-
-
 def make_grid(
     structure: Structure,
     recording: Recording,
@@ -133,7 +128,7 @@ def make_grid(
     if recording.hold == "zero_order":  # the mean of what is applied, not of the volts, is what heats
         applied = effort(structure.drive, values, ambient=ambient, supply=supply)
         held = held_means(applied, recording.time, h, steps)
-        at_nodes = _space_of(held).repeat(held[:, None, :], 3, axis=1)
+        at_nodes = namespace(held).repeat(held[:, None, :], 3, axis=1)
     else:
         at_nodes = effort(structure.drive, nodes, ambient=ambient, supply=supply)
     return Grid(at_nodes, np.asarray(h), at, fraction, recording.hold == "zero_order")
@@ -141,7 +136,7 @@ def make_grid(
 
 def held_means(values: Float[Values, "n s"], time: np.ndarray, step: float, steps: int) -> Float[Values, "steps s"]:
     """Mean over each step of values held from each stamp to the next (the last one on to the end)."""
-    xp = _space_of(values)
+    xp = namespace(values)
     gaps = np.diff(time)[:, None]
     total = xp.concatenate([xp.zeros_like(values[:1]), xp.cumsum(values[:-1] * gaps, axis=0)])
     edges = time[0] + step * np.arange(steps + 1)
@@ -163,7 +158,7 @@ def node_values(
         left = np.clip(np.searchsorted(time, edges, side="right") - 1, 0, len(time) - 2)
         share = np.clip((edges - time[left]) / (time[left + 1] - time[left]), 0.0, 1.0)
         fine = values[left] + share[:, None] * (values[left + 1] - values[left])
-    return _space_of(values).stack([fine[:-1:2], fine[1::2], fine[2::2]], axis=1)
+    return namespace(values).stack([fine[:-1:2], fine[1::2], fine[2::2]], axis=1)
 
 
 def band_limited(values: Float[Values, "n s"], time: np.ndarray, at: np.ndarray) -> Float[Values, "m s"]:
@@ -172,7 +167,7 @@ def band_limited(values: Float[Values, "n s"], time: np.ndarray, at: np.ndarray)
     The even continuation has no jump, so nothing rings at the ends as it would with a periodic one. ``at`` must be
     uniform with a whole number of points per sampling period.
     """
-    xp, n = _space_of(values), values.shape[0]
+    xp, n = namespace(values), values.shape[0]
     factor = round((time[-1] - time[0]) / (n - 1) / (at[1] - at[0]))
     even = xp.concatenate([values, values[-2:0:-1]])
     spectrum = xp.fft.rfft(even, axis=0)

@@ -8,12 +8,13 @@ import pytest
 import scipy.integrate
 from diagnose.rig import AMBIENT, BASE
 
+from scpjax.diagnose import outside
 from scpjax.diagnose.answer import answer
 from scpjax.diagnose.closure import learn, offers
 from scpjax.diagnose.holdout import Split, split
 from scpjax.diagnose.latent import missing
 from scpjax.diagnose.locate import observe
-from scpjax.diagnose.outside import able, beyond_names, level
+from scpjax.diagnose.outside import able, beyond_names, form_at_most, level
 from scpjax.diagnose.rivals import added
 from scpjax.diagnose.select import Choice, Evidence
 from scpjax.diagnose.trials import State, residual_on
@@ -158,10 +159,18 @@ def test_names_that_explain_less_than_a_closure_are_not_given():
     assert said.to_json()["closure"]["depends_on"] == list(said.closure.depends_on)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.04])
-def test_names_that_leave_little_are_left_alone(share):
+@pytest.mark.parametrize(("far", "corrected"), [(1.0, True), (4.0, False)])
+def test_names_that_leave_little_are_corrected_in_their_balance_near_the_noise(monkeypatch, far, corrected):
+    """What names leave is sought beyond them only where it may be the form of their laws; they stay in any case."""
     base, parts = rubbed()
-    named = replace(base, residual=base.residual * np.sqrt(share))
-    choice, learned = beyond_names(parts, base, Choice(named, (), {}, {}), Evidence(), ["thermoelectric"])
+    named = added(base, "ambient_drift", parts)
+    scale = far * 2.0 / level(named, parts)
+    named = replace(named, residual=named.residual * scale)
+    base = replace(base, residual=base.residual * 20.0 * far)
+    assert form_at_most(base, named, parts)
+    asked = []
+    monkeypatch.setattr(outside, "learn", lambda state, _parts, _rules, where: asked.append((state, list(where))))
+    choice, learned = beyond_names(parts, base, Choice(named, (), {}, {}), Evidence(), ["sensor"])
     assert choice.state is named
     assert learned is None
+    assert asked == ([(named, ["thermoelectric"])] if corrected else [])

@@ -80,7 +80,7 @@ def _scales(point):
     return np.concatenate([np.where(s > 0, s, f).ravel() for s, f in zip(sizes, floors, strict=True)])
 
 
-def check(found, keep=slice(None)):
+def assert_agree(found, keep=slice(None)):
     reverse, forward, differences = (np.asarray(f)[keep] for f in found)
     floor = 1e-9 * np.max(np.abs(differences))
     np.testing.assert_allclose(reverse, differences, rtol=1e-6, atol=floor)
@@ -100,7 +100,7 @@ def test_linear_models_exactly(hold):
         time = np.cumsum(np.random.default_rng(2).choice([0.03, 0.05, 0.11], recording.n))
         recording = recorded(time, {"voltage_V": recording.inputs[:, 0]}, hold="linear")
     found = derivatives(hold, PLANT.structure, recording, Exact(), point_of(PLANT, recording), PLANT.laws)
-    check(found)
+    assert_agree(found)
 
 
 @pytest.mark.parametrize("case", CASES, ids=case_id)
@@ -119,7 +119,7 @@ def test_mechanisms_by_fixed_steps(case):
     base = {m.name for m in structure.mechanisms if m.is_base}
     keep = np.ones(found[0].size, bool)  # without the other mechanisms, which sit on their null's edge
     keep[: model.theta.size] = [s.mechanism in base | {name} for s in structure.slots]  # others sit on a null's edge
-    check(found, keep)
+    assert_agree(found, keep)
 
 
 def test_fourth_order():
@@ -128,7 +128,7 @@ def test_fourth_order():
     model = with_active(structure, "nonlinear_stiffness").replace({"resistance_temperature.coefficient": 0.004})
     recording = multilevel(duration=DURATION, hold_s=0.1, hold="linear")
     point = point_of(model, recording)
-    check(derivatives("fourth", structure, recording, Exponential(order=4), point, model.laws))
+    assert_agree(derivatives("fourth", structure, recording, Exponential(order=4), point, model.laws))
 
 
 def test_adaptive_both_ways():
@@ -157,7 +157,7 @@ def _run(method, structure, name=None, law=0):
     return np.asarray(found.states), np.asarray(found.outputs) - np.array([float(model.ambient), 0.0])
 
 
-def agree(method, structure, name=None, law=0):
+def assert_single_precision(method, structure, name=None, law=0):
     wanted = _run(method, structure, name, law)
     with jax.enable_x64(False):
         found = _run(method, structure, name, law)
@@ -168,10 +168,12 @@ def agree(method, structure, name=None, law=0):
 
 @pytest.mark.parametrize("method", [Exact(), Exponential(order=2), Exponential(order=4)], ids=["exact", "2", "4"])
 def test_single_precision_of_linear_models(method):
-    agree(method, PLANT.structure)
+    assert_single_precision(method, PLANT.structure)
 
 
 @pytest.mark.parametrize("case", CASES, ids=case_id)
 def test_single_precision_of_mechanisms(case):
     name, law = case
-    agree(Exponential(order=2), extended(PLANT.structure, name) if name in KINKED else smooth(), name, law)
+    assert_single_precision(
+        Exponential(order=2), extended(PLANT.structure, name) if name in KINKED else smooth(), name, law
+    )

@@ -363,11 +363,13 @@ def hysteresis(law):
 
     def rates(_t, z, u):
         t, x, v, q, q2 = z
-        filled = abs(q) ** (8 if law == 2 else 3) if v * q > 0 else 0.0
-        slip = (v - abs(v) * q) / width if law == 1 else v / width * (1 - filled)
-        other = 3 * v / width * (1 - (q2**8 if v * q2 > 0 else 0.0)) if law == 2 else 0.0
+        warming = (u / R - LAM * t) / C_TH
+        moved = warming * 0.01 / 50.0 if law == 3 else v
+        filled = abs(q) ** (8 if law >= 2 else 3) if moved * q > 0 else 0.0
+        slip = (v - abs(v) * q) / width if law == 1 else moved / width * (1 - filled)
+        other = 3 * moved / width * (1 - (q2**8 if moved * q2 > 0 else 0.0)) if law >= 2 else 0.0
         force = 0.4 * K * width * (q if law < 2 else (q + q2 / 3) / 2)
-        return [(u / R - LAM * t) / C_TH, *mechanics(x, v, t, K * x + force), slip, other]
+        return [warming, *mechanics(x, v, t, K * x + force), slip, other]
 
     return rates, (*START, 0.0, 0.0)
 

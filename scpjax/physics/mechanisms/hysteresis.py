@@ -19,7 +19,8 @@ class Hysteresis(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "F = -h k w z;  law Bouc-Wen: dz/dt = (v/w) (1 - |z|^n (1 + sign(v z))/2);  law Duhem: dz/dt = (v - |v| z)/w;  "
-        "law plays: two plays of widths w and w/3, F = -h k w (z + z_2/3)/2, each as Bouc-Wen with n = 8"
+        "law plays: two plays of widths w and w/3, F = -h k w (z + z_2/3)/2, each as Bouc-Wen with n = 8;  "
+        "law thermal plays: the same, moved by dT/dt x_ref/T_ref in place of v"
     )
     source = (
         "Bouc-Wen, rate independent: Ismail, Ikhouane, Rodellar, Arch. Comput. Methods Eng. 16 (2009) 161; Duhem and "
@@ -28,7 +29,8 @@ class Hysteresis(Mechanism):
     says = "The way back is not the way there: after a reversal the displacement stays behind."
     needs = ("mechanical",)
     excited_by = "reversals of different size"
-    laws = ("Bouc-Wen", "Duhem", "plays")
+    laws = ("Bouc-Wen", "Duhem", "plays", "thermal plays")
+    law_needs: ClassVar[dict[int, tuple[str, ...]]] = {3: ("thermal",)}
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {"sharpness": (0,)}
     states = ("internal_stretch", "second_stretch")
     parameters = (
@@ -72,18 +74,32 @@ class Hysteresis(Mechanism):
             null=0.01,
             fixed=True,
         ),
+        Parameter(
+            name="reference_temperature",
+            symbol="T_ref",
+            unit="K",
+            description="temperature excess at which the width is stated (law thermal plays)",
+            typical=50.0,
+            bounds=(1e-6, 1e9),
+            null=50.0,
+            fixed=True,
+        ),
     )
-    starts = ((0.3, 0.15, 3.0, 0.0), (2.0, 0.02, 2.0, 0.0))
+    starts = ((0.3, 0.15, 3.0, 0.0, 0.0), (2.0, 0.02, 2.0, 0.0, 0.0))
 
     def force(self, p: Values, view: View) -> Side:
         first, second = (jnp.clip(z, -OVER, OVER) for z in view.own)
-        stretch = jnp.where(p.law == 2, 0.5 * (first + second / NARROWER), first)
+        stretch = jnp.where(p.law >= 2, 0.5 * (first + second / NARROWER), first)
         return -p.strength * view.shared["stiffness"] * p.width * p.reference * stretch
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
         first, second = (jnp.clip(z, -OVER, OVER) for z in view.own)
-        rate = view.velocity / (p.width * p.reference)
-        sharpness = jnp.where(p.law == 2, SHARP, p.sharpness)
+        rate = view.velocity / p.reference
+        if "thermal_mass" in view.shared:
+            heating = view.heat / view.shared["thermal_mass"] / p.reference_temperature
+            rate = jnp.where(p.law == 3, heating, rate)
+        rate = rate / p.width
+        sharpness = jnp.where(p.law >= 2, SHARP, p.sharpness)
         fill = jnp.exp(sharpness * jnp.log(jnp.sqrt(first**2 + 1e-12)))
         slip = rate * (1.0 - fill * jnp.where(rate * first > 0, 1.0, 0.0))
         slip = jnp.where(p.law == 1, rate - jnp.abs(rate) * first, slip)
@@ -91,7 +107,7 @@ class Hysteresis(Mechanism):
         other = NARROWER * rate * (1.0 - eighth * jnp.where(rate * second > 0, 1.0, 0.0))
         # left out (strength 0), the element rests: its state could not matter and a step might be too long for it
         there = p.strength > 0
-        return (jnp.where(there, slip, 0.0), jnp.where(there & (p.law == 2), other, 0.0))
+        return (jnp.where(there, slip, 0.0), jnp.where(there & (p.law >= 2), other, 0.0))
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
         rest = jnp.zeros_like(view.displacement)

@@ -1,0 +1,51 @@
+"""Programs that are compiled for one problem and run for seconds: compiled quickly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache, wraps
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+_QUICK = {
+    "xla_backend_optimization_level": 3,
+    "xla_cpu_use_fusion_emitters": False,
+}
+
+
+def quickly_compiled(function: _Function) -> _Function:
+    """`equinox.filter_jit` of a program that is called from Python, with what XLA offers to compile a scan quickly.
+
+    A scan over thousands of steps of small arrays takes longer to compile than to run; these options take a third or
+    more off the first and leave the second as it is (``python benchmarks/compile.py``).
+    """
+
+    @cache
+    def program() -> Callable[..., Any]:
+        options = quick_options(jax.default_backend())
+        return eqx.filter_jit(function, compiler_options=options) if options else eqx.filter_jit(function)
+
+    @wraps(function)
+    def call(*args: Any) -> Any:
+        return program()(*args)
+
+    return call  # type: ignore[return-value]
+
+
+@cache
+def quick_options(backend: str) -> dict[str, Any]:
+    """Options of `_QUICK` that this XLA knows, none on another backend than the CPU."""
+    return {k: v for k, v in _QUICK.items() if backend == "cpu" and _known(k, v)}
+
+
+def _known(option: str, value: Any) -> bool:
+    try:
+        jax.jit(lambda x: x + 1, compiler_options={option: value}).lower(1.0).compile()
+    except jax.errors.JaxRuntimeError as error:
+        if "No such compile option" in str(error):
+            return False
+        raise
+    return True
