@@ -1,4 +1,4 @@
-// scpjax rig: drives two heated actuators, reads their sensors, and lets nothing burn. See README.md beside this file.
+// scpjax rig: drives two heated actuators, reads their sensors, and lets nothing burn. See rig/README.md.
 #include <avr/pgmspace.h>
 #include <string.h>
 
