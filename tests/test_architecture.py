@@ -26,7 +26,8 @@ RANK = {
     "control": 5,
     "diagnose": 6,
     "report": 7,
-    "cli": 8,
+    "bench": 8,
+    "cli": 9,
 }
 FILES = sorted(p for p in SOURCE.rglob("*.py") if p != SOURCE / "__init__.py")
 
@@ -107,7 +108,7 @@ def test_names_of_the_design_are_those_of_the_files():
     assert Structure(name="te", mechanisms=tuple(catalogue().values())).slots
 
 
-@pytest.mark.parametrize("module", ["scpjax", "scpjax.cli"])
+@pytest.mark.parametrize("module", ["scpjax", "scpjax.cli", "scpjax.bench"])
 def test_import_is_light(module):
     if importlib.util.find_spec(module) is None:
         pytest.skip(f"skipped: no {module} yet")

@@ -7,6 +7,8 @@ import importlib
 from collections.abc import Callable
 from typing import Any
 
+from scpjax.cli import rig_commands as rig
+
 MODELS = ("te", "tm", "plant", "aaa")
 
 
@@ -19,6 +21,7 @@ def add_commands(places: Any) -> None:
     _fleet(places)
     _loop(places)
     _tune(places)
+    rig.add_rig(places, command)
     _demo(places)
 
 
@@ -29,7 +32,8 @@ def _later(module: str, function: str) -> Callable[[argparse.Namespace], None]:
     return run
 
 
-def _command(places: Any, name: str, run: tuple[str, str], summary: str, more: str = "") -> argparse.ArgumentParser:
+def command(places: Any, name: str, run: tuple[str, str], summary: str, more: str = "") -> argparse.ArgumentParser:
+    """A command with what all of them have; ``run``: module of `scpjax.cli` and function."""
     parser = places.add_parser(
         name,
         help=summary,
@@ -57,7 +61,7 @@ def _model(parser: argparse.ArgumentParser, own: bool = False) -> None:
 
 
 def _simulate(places: Any) -> None:
-    parser = _command(
+    parser = command(
         places,
         "simulate",
         ("simulate", "run_simulate"),
@@ -76,7 +80,7 @@ def _simulate(places: Any) -> None:
 
 
 def _fit(places: Any) -> None:
-    parser = _command(
+    parser = command(
         places,
         "fit",
         ("study", "run_fit"),
@@ -98,7 +102,7 @@ def _fit(places: Any) -> None:
 
 
 def _diagnose(places: Any) -> None:
-    parser = _command(
+    parser = command(
         places,
         "diagnose",
         ("study", "run_diagnose"),
@@ -149,7 +153,7 @@ def _next(parser: argparse.ArgumentParser) -> None:
 
 
 def _predict(places: Any) -> None:
-    parser = _command(
+    parser = command(
         places,
         "predict",
         ("simulate", "run_predict"),
@@ -163,7 +167,7 @@ def _predict(places: Any) -> None:
 
 
 def _fleet(places: Any) -> None:
-    parser = _command(
+    parser = command(
         places,
         "fleet",
         ("fleet", "run_fleet"),
@@ -203,7 +207,7 @@ def _closed_loop(parser: argparse.ArgumentParser) -> None:
 
 
 def _loop(places: Any) -> None:
-    parser = _command(
+    parser = command(
         places,
         "loop",
         ("loop", "run_loop"),
@@ -220,7 +224,7 @@ def _loop(places: Any) -> None:
 
 
 def _tune(places: Any) -> None:
-    parser = _command(
+    parser = command(
         places,
         "tune",
         ("tune", "run_tune"),
@@ -247,7 +251,7 @@ def _tune(places: Any) -> None:
 
 
 def _demo(places: Any) -> None:
-    parser = _command(
+    parser = command(
         places,
         "demo",
         ("demo", "run_demo"),

@@ -9,7 +9,7 @@ import pytest
 import scpjax
 from scpjax.cli import main
 
-COMMANDS = ("simulate", "fit", "diagnose", "predict", "fleet", "loop", "tune", "demo")
+COMMANDS = ("simulate", "fit", "diagnose", "predict", "fleet", "loop", "tune", "rig", "demo")
 
 
 def test_help_is_quick():

@@ -18,7 +18,7 @@ from scpjax.fit.fit import final_model
 from scpjax.recordings import read_recording
 
 sys.path.insert(0, str(Path(__file__).parent))
-import rig
+import creeping
 
 NAMES = ("creep", "two_node_thermal")
 TOLD = Limits(lowest=0.0, highest=5.0, hottest=273.15 + 75.0, duration=60.0, slew=2.0)
@@ -27,8 +27,8 @@ TOLD = Limits(lowest=0.0, highest=5.0, hottest=273.15 + 75.0, duration=60.0, sle
 @pytest.fixture(scope="module")
 def known():
     """(hypotheses fitted to all of the slow recording, its parts)."""
-    states, parts = rig.fitted([rig.slow()], NAMES)
-    return {n: rig.again(s, [rig.slow()]) if n in NAMES else s for n, s in states.items()}, parts
+    states, parts = creeping.fitted([creeping.slow()], NAMES)
+    return {n: creeping.again(s, [creeping.slow()]) if n in NAMES else s for n, s in states.items()}, parts
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_gradient_is_that_of_finite_differences(known):
 
 
 def test_slew_is_differentiated_too():
-    f = frame(TOLD, [rig.slow()], [rig.slow().input_channels[0]])
+    f = frame(TOLD, [creeping.slow()], [creeping.slow().input_channels[0]])
     rng = np.random.default_rng(1)
     nodes, by, d = (rng.uniform(0.3, 4.5, (f.n, 1)) for _ in range(3))
     by_hand = np.sum(by * (f.played(nodes + 1e-6 * d) - f.played(nodes - 1e-6 * d))) / 2e-6
@@ -86,11 +86,11 @@ def test_expected_bits_are_those_that_are_obtained(known, proposed, true):
     states, _ = known
     e = proposed["as recorded"]
     (other,) = set(NAMES) - {true}
-    clean, _ = rig.played(final_model(states[true].setup, states[true].trial), e.time, e.drive[:, 0])
+    clean, _ = creeping.played(final_model(states[true].setup, states[true].trial), e.time, e.drive[:, 0])
     gains = []
     for seed in range(6):
-        recordings = [rig.slow(), rig.noisy(e.time, e.drive[:, 0], clean, 300 + seed, "new")]
-        more = {n: rig.again(states[n], recordings).cost for n in NAMES}
+        recordings = [creeping.slow(), creeping.noisy(e.time, e.drive[:, 0], clean, 300 + seed, "new")]
+        more = {n: creeping.again(states[n], recordings).cost for n in NAMES}
         before = states[other].cost - states[true].cost
         gains.append((more[other] - more[true] - before) / 2 / np.log(2))
     mean, error = float(np.mean(gains)), float(np.std(gains, ddof=1) / np.sqrt(len(gains)))
@@ -101,9 +101,9 @@ def test_expected_bits_are_those_that_are_obtained(known, proposed, true):
 def test_the_experiment_tells_the_truth_from_its_rival(proposed):
     """As --then does: all recordings together, everything estimated anew."""
     e = proposed["as recorded"]
-    clean, _ = rig.played(rig.truth(), e.time, e.drive[:, 0])
-    new = rig.noisy(e.time, e.drive[:, 0], clean, 7, "new")
-    states, _ = rig.fitted([rig.slow(), new], NAMES)
+    clean, _ = creeping.played(creeping.truth(), e.time, e.drive[:, 0])
+    new = creeping.noisy(e.time, e.drive[:, 0], clean, 7, "new")
+    states, _ = creeping.fitted([creeping.slow(), new], NAMES)
     assert (states["two_node_thermal"].cost - states["creep"].cost) / 2 > 0.5 * e.expected_bits * np.log(2)
     model = final_model(states["creep"].setup, states["creep"].trial)
     assert model.values()["creep.compliance"] == pytest.approx(0.25, abs=0.08)
@@ -121,19 +121,19 @@ def test_it_beats_the_standard_excitations_and_a_repetition(proposed, which):
 def test_no_limit_is_broken(known, proposed):
     """By simulations with adaptive steps, of the hypotheses and of the truth."""
     states, _ = known
-    recorded = rig.slow().inputs
+    recorded = creeping.slow().inputs
     for e, low, high in ((proposed["as recorded"], recorded.min(), recorded.max()), (proposed["told"], 0.0, 5.0)):
         assert e.drive.min() >= low - 1e-9
         assert e.drive.max() <= high + 1e-9
         assert e.time[-1] <= 60.0 + 1e-9
         for name in NAMES:
             model = final_model(states[name].setup, states[name].trial)
-            hot = rig.played(model, e.time, e.drive[:, 0])[1].max()
+            hot = creeping.played(model, e.time, e.drive[:, 0])[1].max()
             assert hot <= e.hottest_allowed[name] + 0.02
             assert hot == pytest.approx(e.hottest[name], abs=0.1)
     told = proposed["told"]
     assert np.abs(np.diff(told.drive[:, 0], prepend=0.0)).max() <= 2.0 * 0.4 + 1e-9
-    assert rig.played(rig.truth(), told.time, told.drive[:, 0])[1].max() <= TOLD.hottest
+    assert creeping.played(creeping.truth(), told.time, told.drive[:, 0])[1].max() <= TOLD.hottest
     assert all(h == TOLD.hottest for h in told.hottest_allowed.values())
 
 
@@ -188,6 +188,8 @@ def test_limits_that_leave_nothing_are_named(known):
     ):
         with pytest.raises(FitError, match=words):
             propose(pair, parts.whole, labels=NAMES, limits=limits)
-    blind = [replace(s, setup=replace(s.setup, recordings=(rig.slow().select_outputs("displacement"),))) for s in pair]
+    blind = [
+        replace(s, setup=replace(s.setup, recordings=(creeping.slow().select_outputs("displacement"),))) for s in pair
+    ]
     with pytest.raises(FitError, match="thermometer"):
         allowed(blind, parts.whole, 350.0)

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 import scipy.integrate
-from diagnose.rig import AMBIENT, BASE
+from diagnose.creeping import AMBIENT, BASE
 
 from scpjax.diagnose import outside
 from scpjax.diagnose.answer import answer

@@ -1,0 +1,237 @@
+"""What is done on a bench: rest, record an excitation, calibrate, characterise (thesis 4.1-4.3)."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scpjax.bench.errors import BenchError
+from scpjax.bench.messages import Calibration, Sample
+from scpjax.bench.play import Watch, play, profile
+from scpjax.bench.rig import Rig
+from scpjax.bench.wiring import Wiring
+from scpjax.recordings import excitation
+from scpjax.recordings.excitation import Signal
+from scpjax.recordings.files import read_recording
+from scpjax.recordings.recording import Recording
+
+EXCITATIONS = ("step", "step_difference", "stair", "multilevel", "prbs", "triangle", "rest")
+_STILL_COUNTS = 2.0  # of a sum of four conversions, from one half of that time to the other
+_STILL_S = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Excite:
+    """An excitation: volts (root mean square) from ``low`` to ``high``, a value each ``period`` [s], levels that hold
+    ``hold`` [s] (a tenth of the duration when None) and begin after ``lead`` [s] of rest."""
+
+    duration: float = 120.0
+    period: float = 0.1
+    low: float = 0.0
+    high: float = 3.0
+    hold: float | None = None
+    lead: float = 2.0
+    seed: int = 0
+
+    def make(self, name: str, sides: int = 1) -> tuple[np.ndarray, np.ndarray]:
+        """Times [s] (n,) and volts (n, sides); of two sides the second is driven opposite to the first.
+
+        **Raises** `BenchError` for an unknown name, and as `scpjax.recordings.excitation` does.
+        """
+        if name not in EXCITATIONS:
+            raise BenchError(f"no excitation {name!r}", mend=f"use one of {', '.join(EXCITATIONS)}, or play a CSV file")
+        if not (math.isfinite(self.duration) and self.duration > self.lead >= 0):
+            raise BenchError(f"{self.duration:g} s is no duration", mend="give seconds, more than the rest before it")
+        time, volts = self._signal(name)
+        n = round(self.lead / self.period)
+        volts = np.concatenate([np.zeros(n), volts])
+        time = self.period * np.arange(len(volts))
+        if sides == 1:
+            return time, volts[:, None]
+        other = np.where(np.arange(len(volts)) < n, 0.0, self.high + self.low - volts)
+        return time, np.stack([volts, other if name != "rest" else volts], axis=1)
+
+    def _signal(self, name: str) -> Signal:
+        at: dict[str, Any] = {"duration_s": self.duration - self.lead, "period_s": self.period}
+        whole = self.duration - self.lead
+        ends: dict[str, Any] = {"low": self.low, "high": self.high}
+        hold = whole / 10 if self.hold is None else self.hold
+        if name == "step":
+            return excitation.step(**at, amplitude=self.high - self.low, offset=self.low)
+        if name == "step_difference":
+            return excitation.step_difference(
+                **at, amplitude=self.high - self.low, offset=self.low, up_s=0.0, down_s=0.5 * whole
+            )
+        if name == "stair":
+            return excitation.stair(**at, **ends)
+        if name == "multilevel":
+            return excitation.multilevel_random(**at, **ends, hold_s=hold, seed=self.seed)
+        if name == "prbs":
+            return excitation.prbs(**at, **ends, hold_s=hold, seed=self.seed)
+        if name == "triangle":
+            return excitation.triangle(**at, **ends, frequency_hz=1 / whole)
+        time = self.period * np.arange(max(2, round(whole / self.period)))
+        return time, np.zeros(len(time))
+
+
+def rest(rig: Rig, *, most: float = 600.0, watch: Watch | None = None) -> float:
+    """Power off until nothing has changed for 10 s; the time it took [s], ``most`` at the most."""
+    rig.stop()
+    began, seen = rig.device.now(), deque[tuple[float, Sample]]()
+    for time, sample in rig.samples(most):
+        seen.append((time, sample))
+        if watch is not None:
+            watch(rig.device.now() - began)
+        if time - seen[0][0] < _STILL_S:
+            continue
+        seen.popleft()
+        items = list(seen)
+        half = len(items) // 2
+        if half and np.max(np.abs(_mean_of(items[:half]) - _mean_of(items[half:]))) < _STILL_COUNTS:
+            break
+    return rig.device.now() - began
+
+
+def _mean_of(items: list[tuple[float, Sample]]) -> np.ndarray:
+    return np.mean([(*s.thermistors, s.position) for _, s in items], axis=0)
+
+
+def record_profile(
+    rig: Rig,
+    path: str | os.PathLike[str],
+    time: np.ndarray,
+    volts: np.ndarray,
+    *,
+    title: str = "",
+    tail: float = 0.0,
+    watch: Watch | None = None,
+) -> Recording:
+    """Record while the board plays volts (n, sides), and ``tail`` [s] after; the recording as it is read back.
+
+    When a limit cuts the power what came until then stays on disk. **Raises** as `Rig` does.
+    """
+    wanted = profile(rig, np.asarray(time, float), volts)
+    try:
+        play(rig, wanted, watch=watch, begin=lambda: rig.record(path, title=title))
+        if tail > 0:
+            rig.wait(tail)
+    finally:
+        rig.end_recording()
+    return read_recording(path)
+
+
+# -- calibration -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """A wiring with what was measured, and words on each."""
+
+    wiring: Wiring
+    says: tuple[str, ...]
+
+
+def calibrate(rig: Rig, *, pulse: float = 1.5, resistance: bool = True) -> Calibrated:
+    """Zero of the position, thermistors that are there, ambient, wire resistance, noise and dead time.
+
+    With the power off; then, for the dead time, ``pulse`` volts for 2 s on each side (none where it is 0).
+    """
+    found: Calibration = rig.calibrate()
+    rig.wait(0.5)
+    assert rig.last is not None
+    w, says, n = rig.wiring, [], found.TICKS
+    fitted = rig.last.fitted
+    there = all(fitted >> i & 1 for i in range(w.sides))
+    w = replace(w, thermistors=replace(w.thermistors, fitted=there))
+    says.append("thermistors: fitted" if there else "thermistors: none that reads; the board relies on its model")
+    if there:
+        ambient = float(np.mean([w.thermistors.temperature(t / n) for t in found.totals[: w.sides]]))
+        w = replace(w, ambient_K=round(ambient, 3))
+        says.append(f"ambient: {ambient - 273.15:.2f} degC")
+    if w.position.source != "none":
+        zero = found.totals[2] / n
+        w = replace(w, position=replace(w.position, zero=round(zero, 3)))
+        says.append(f"position: zero at {zero:.1f} counts")
+    if resistance and w.sensing.fitted:
+        ohms = [float(np.median([rig.resistance(i) for _ in range(9)])) for i in range(w.sides)]
+        if all(0.05 < r < 0.98 * w.sensing.resistance(4092) for r in ohms):
+            known = {**dict(w.known), "resistance_ohm": round(float(np.mean(ohms)), 4)}
+            w = replace(w, known=tuple(known.items()))
+            says.append(f"wire resistance: {', '.join(f'{r:.3f}' for r in ohms)} ohm")
+        else:
+            w = replace(w, sensing=replace(w.sensing, fitted=False))
+            says.append("wire resistance: no sensing circuit answers")
+    rig.wiring = w
+    if pulse > 0:
+        says.append(_dead_time(rig, pulse))
+    return Calibrated(w, tuple(says))
+
+
+def _dead_time(rig: Rig, volts: float) -> str:
+    """Time from the command to the first sample that shows it at the pins, and to the first that shows it warm."""
+    every = rig.options.every
+    rig.stream(1)
+    sent = rig.device.now()
+    rig.set_voltage(*([volts] * rig.wiring.sides))
+    pins: float | None = None
+    warm: list[tuple[float, float]] = []
+    for _, sample in rig.samples(2.0):
+        now = rig.device.now() - sent
+        if pins is None and sample.pwm[0] > 0:
+            pins = now
+        warm.append((now, float(sample.thermistors[0])))
+    rig.stop()
+    rig.stream(every)
+    values = np.array([v for _, v in warm])
+    quiet = values[: max(8, len(values) // 20)]
+    up = np.flatnonzero(values > quiet.mean() + 6 * max(quiet.std(), 0.5))
+    felt = f", felt by the thermistor after {1e3 * warm[int(up[0])][0]:.0f} ms" if up.size else ""
+    return f"dead time: {1e3 * (pins or 0.0):.0f} ms from command to pins{felt}"
+
+
+# -- characterisation ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Characterise:
+    """The experiments that lead to a model: steps to levels and a stair (thesis 4.1.2, 4.2.1), then a multilevel signal
+    (3.3.3), each from rest; ``duration`` [s] of each, ``levels`` [V]."""
+
+    duration: float = 60.0
+    levels: tuple[float, ...] = (2.0, 3.0)
+    period: float = 0.1
+    seed: int = 0
+
+
+def characterise(
+    rig: Rig,
+    folder: Path,
+    options: Characterise,
+    *,
+    tell: Callable[[str, float], None] | None = None,
+) -> list[Recording]:
+    """Record the experiments into a folder: one for each weight, which is changed by hand (`Wiring.known` says it)."""
+    runs: list[tuple[str, str, Excite]] = []
+    base = Excite(duration=options.duration, period=options.period, seed=options.seed)
+    for level in options.levels:
+        runs.append((f"step_{level:g}V", "step_difference", replace(base, high=level)))
+    top = max(options.levels)
+    runs.append(("stair", "stair", replace(base, high=top, duration=2 * options.duration)))
+    runs.append(("multilevel", "multilevel", replace(base, high=top, duration=2 * options.duration)))
+    out = []
+    for i, (name, kind, excite) in enumerate(runs):
+        if tell is not None:
+            tell(f"{name}: resting", i / len(runs))
+        rest(rig)
+        if tell is not None:
+            tell(name, i / len(runs))
+        time, volts = excite.make(kind, rig.wiring.sides)
+        out.append(record_profile(rig, folder / f"{i}_{name}.csv", time, volts, title=f"{kind} to {excite.high:g} V"))
+    return out
