@@ -25,8 +25,8 @@ def quickly_compiled(function: _Function) -> _Function:
 
     @cache
     def program() -> Callable[..., Any]:
-        options = quick_options(jax.default_backend())
-        return eqx.filter_jit(function, compiler_options=options) if options else eqx.filter_jit(function)
+        options: Any = {"compiler_options": quick_options(jax.default_backend()) or None}
+        return eqx.filter_jit(function, **options)
 
     @wraps(function)
     def call(*args: Any) -> Any:

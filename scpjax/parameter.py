@@ -46,6 +46,9 @@ class Parameter:
             raise ValueError(f"{self.name}: a log-scaled parameter needs a positive lower bound")
 
 
+Numbers = Array | np.ndarray
+
+
 def namespace(*values: Any) -> Any:
     """`jax.numpy` where any value is JAX's; else `numpy`, for which nothing is compiled."""
     return jnp if any(isinstance(v, jax.Array) for v in values) else np
@@ -59,11 +62,11 @@ class Bounded(eqx.Module):
     ``value = scale * free``.
     """
 
-    log: Bool[Array, " p"]
-    finite: Bool[Array, " p"]
-    mid: Float[Array, " p"]
-    half: Float[Array, " p"]
-    scale: Float[Array, " p"]
+    log: Bool[Numbers, " p"]
+    finite: Bool[Numbers, " p"]
+    mid: Float[Numbers, " p"]
+    half: Float[Numbers, " p"]
+    scale: Float[Numbers, " p"]
 
     def __init__(self, low: np.ndarray, high: np.ndarray, log: np.ndarray, scale: np.ndarray):
         log = np.asarray(log, bool)
@@ -74,31 +77,31 @@ class Bounded(eqx.Module):
         self.mid, self.half = (low + high) / 2, (high - low) / 2
         self.scale = np.asarray(scale, float)
 
-    def to_inner(self, free: Float[Array, " p"]) -> Float[Array, " p"]:
+    def to_inner(self, free: Float[Numbers, " p"]) -> Float[Numbers, " p"]:
         """Unconstrained to the scale on which priors are natural: ln(value) or value."""
         xp = namespace(free, self.mid)
         bounded = self.mid + self.half * xp.tanh(free / self.half)
         return xp.where(self.finite, bounded, self.scale * free)
 
-    def to_value(self, free: Float[Array, " p"]) -> Float[Array, " p"]:
+    def to_value(self, free: Float[Numbers, " p"]) -> Float[Numbers, " p"]:
         """Unconstrained to physical."""
         inner = self.to_inner(free)
         xp = namespace(inner)
         return xp.where(self.log, xp.exp(xp.where(self.log, inner, 0.0)), inner)
 
-    def inner_of(self, value: Float[Array, " p"] | np.ndarray) -> Float[Array, " p"]:
+    def inner_of(self, value: Float[Numbers, " p"]) -> Float[Numbers, " p"]:
         """Physical to ln(value) or value."""
         xp = namespace(value, self.mid)
         return xp.where(self.log, xp.log(xp.where(self.log, xp.maximum(value, 1e-300), 1.0)), value)
 
-    def to_free(self, value: Float[Array, " p"] | np.ndarray, margin: float = 1e-3) -> Float[Array, " p"]:
+    def to_free(self, value: Float[Numbers, " p"], margin: float = 1e-3) -> Float[Numbers, " p"]:
         """Physical to unconstrained; values at or beyond a bound are moved just inside it."""
         inner = self.inner_of(value)
         xp = namespace(inner)
         share = xp.clip((inner - self.mid) / self.half, -1 + margin, 1 - margin)
         return xp.where(self.finite, self.half * xp.arctanh(share), inner / self.scale)
 
-    def slope(self, free: Float[Array, " p"]) -> Float[Array, " p"]:
+    def slope(self, free: Float[Numbers, " p"]) -> Float[Numbers, " p"]:
         """d(value)/d(free), entry by entry: for error bars."""
         xp = namespace(free, self.mid)
         inner = xp.where(self.finite, 1 - xp.tanh(free / self.half) ** 2, self.scale)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -60,7 +61,8 @@ class Setup:
         moved = np.where(active, value, np.where(np.isfinite(self.fixed), self.fixed, 1.0))
         free = np.concatenate([np.asarray(self.space.bounds.to_free(moved)), [0.0]])
         laws = np.zeros(len(self.structure.mechanisms)) if laws is None else np.asarray(laws)
-        return Trial(index, free, np.asarray(self.fixed), np.asarray(active), laws)
+        host: Any = (index, free, np.asarray(self.fixed), np.asarray(active), laws)  # nothing is compiled for it
+        return Trial(*host)
 
 
 def carry(old: Structure, new: Structure, vector: np.ndarray, default: np.ndarray) -> np.ndarray:

@@ -150,7 +150,8 @@ def solve(
     idle = max(AT_ONCE - n, 0)
     if idle:
         trials = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], idle, axis=0)]), trials)
-    found = _solve(trials, data, space, np.asarray(n), np.asarray(max_steps), np.asarray(tolerance), robust)
+    settings: list[Any] = [np.asarray(n), np.asarray(max_steps), np.asarray(tolerance)]
+    found = _solve(trials, data, space, *settings, robust)
     return jax.tree.map(lambda x: np.asarray(x)[:n], found)
 
 
@@ -255,7 +256,8 @@ def residuals_at(values: np.ndarray, laws: np.ndarray, data: Data, space: Space)
     for i in range(0, len(values), _FORWARD):
         part, kept = values[i : i + _FORWARD], laws[i : i + _FORWARD]
         fill = ((0, _FORWARD - len(part)), (0, 0))
-        found = _forward(np.pad(part, fill, "edge"), np.pad(kept, fill, "edge"), data, space)
+        padded: list[Any] = [np.pad(part, fill, "edge"), np.pad(kept, fill, "edge")]
+        found = _forward(*padded, data, space)
         out.append(np.asarray(found)[: len(part)])
     return np.concatenate(out)
 

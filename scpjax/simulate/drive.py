@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from scpjax.errors import ModelError
-from scpjax.parameter import namespace
+from scpjax.parameter import Numbers, namespace
 from scpjax.physics.structure import DriveKind, Structure
 from scpjax.recordings.recording import Hold, Recording
 
@@ -40,7 +40,7 @@ def effort(kind: DriveKind, value: Array | np.ndarray, *, ambient: Array | float
     return value
 
 
-def drive_values(structure: Structure, recording: Recording) -> Float[Values, "n sides"]:
+def drive_values(structure: Structure, recording: Recording) -> Float[Numbers, "n sides"]:
     """The recording's drive columns in the order of the model's sides.
 
     **Raises** `ModelError` when the recording has not one drive per side.
@@ -67,9 +67,6 @@ def drive_values(structure: Structure, recording: Recording) -> Float[Values, "n
     return recording.inputs[:, np.array(order)]
 
 
-Values = Array | np.ndarray
-
-
 class Grid(eqx.Module):
     """A uniform simulation grid over one recording: ``nodes = steps + 1`` instants ``step`` apart.
 
@@ -77,10 +74,10 @@ class Grid(eqx.Module):
     plus ``fraction[i]`` of a step.
     """
 
-    effort: Float[Values, "steps 3 sides"]
-    step: Float[Values, ""]
+    effort: Float[Numbers, "steps 3 sides"]
+    step: Float[Numbers, ""]
     at: Int[Array | np.ndarray, " n"]
-    fraction: Float[Values, " n"]
+    fraction: Float[Numbers, " n"]
     constant: bool = eqx.field(static=True)
 
     @property
@@ -134,7 +131,7 @@ def make_grid(
     return Grid(at_nodes, np.asarray(h), at, fraction, recording.hold == "zero_order")
 
 
-def held_means(values: Float[Values, "n s"], time: np.ndarray, step: float, steps: int) -> Float[Values, "steps s"]:
+def held_means(values: Float[Numbers, "n s"], time: np.ndarray, step: float, steps: int) -> Float[Numbers, "steps s"]:
     """Mean over each step of values held from each stamp to the next (the last one on to the end)."""
     xp = namespace(values)
     gaps = np.diff(time)[:, None]
@@ -146,8 +143,8 @@ def held_means(values: Float[Values, "n s"], time: np.ndarray, step: float, step
 
 
 def node_values(
-    values: Float[Values, "n s"], time: np.ndarray, step: float, steps: int, hold: Hold, uniform: bool
-) -> Float[Values, "steps 3 s"]:
+    values: Float[Numbers, "n s"], time: np.ndarray, step: float, steps: int, hold: Hold, uniform: bool
+) -> Float[Numbers, "steps 3 s"]:
     """Drive column at start, middle and end of each step."""
     edges = time[0] + step * 0.5 * np.arange(2 * steps + 1)
     if hold == "band_limited":
@@ -161,7 +158,7 @@ def node_values(
     return namespace(values).stack([fine[:-1:2], fine[1::2], fine[2::2]], axis=1)
 
 
-def band_limited(values: Float[Values, "n s"], time: np.ndarray, at: np.ndarray) -> Float[Values, "m s"]:
+def band_limited(values: Float[Numbers, "n s"], time: np.ndarray, at: np.ndarray) -> Float[Numbers, "m s"]:
     """Trigonometric interpolation of uniform samples, continued evenly beyond both ends.
 
     The even continuation has no jump, so nothing rings at the ends as it would with a periodic one. ``at`` must be
