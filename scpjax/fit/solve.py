@@ -150,8 +150,8 @@ def solve(
     idle = max(AT_ONCE - n, 0)
     if idle:
         trials = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], idle, axis=0)]), trials)
-    settings: list[Any] = [np.asarray(n), np.asarray(max_steps), np.asarray(tolerance)]
-    found = _solve(trials, data, space, *settings, robust)
+    count, most, enough = (jnp.asarray(np.asarray(x)) for x in (n, max_steps, tolerance))
+    found = _solve(trials, data, space, count, most, enough, robust)
     return jax.tree.map(lambda x: np.asarray(x)[:n], found)
 
 
@@ -256,8 +256,8 @@ def residuals_at(values: np.ndarray, laws: np.ndarray, data: Data, space: Space)
     for i in range(0, len(values), _FORWARD):
         part, kept = values[i : i + _FORWARD], laws[i : i + _FORWARD]
         fill = ((0, _FORWARD - len(part)), (0, 0))
-        padded: list[Any] = [np.pad(part, fill, "edge"), np.pad(kept, fill, "edge")]
-        found = _forward(*padded, data, space)
+        theta, which = (jnp.asarray(np.pad(x, fill, "edge")) for x in (part, kept))
+        found = _forward(theta, which, data, space)
         out.append(np.asarray(found)[: len(part)])
     return np.concatenate(out)
 
