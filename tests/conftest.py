@@ -27,6 +27,7 @@ _LONGEST = ("acceptance", "test_notebooks.py", "test_readme.py", "test_experimen
 _DOCUMENTS = ("test_notebooks.py", "test_readme.py")  # they diagnose the same example, once
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tests of a file stay in one process, and the longest begin first."""
 
