@@ -4,6 +4,7 @@ import os
 import tempfile
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 if (0, 7) <= tuple(int(n) for n in version("jaxlib").split(".")[:2]) <= (0, 10):  # of which XLA is known to know them
     # most programs here run for milliseconds: those that run longer ask for more (`scpjax.compiled`)
@@ -27,18 +28,22 @@ _LONGEST = ("acceptance", "test_notebooks.py", "test_readme.py", "test_experimen
 _DOCUMENTS = ("test_notebooks.py", "test_readme.py")  # they diagnose the same example, once
 
 
-@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Tests of a file stay in one process, and so do those of documents."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Files(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.split("::")[0]
+            return "documents" if Path(file).name in _DOCUMENTS else file
+
+    return Files(config, log)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests of a file stay in one process, and the longest begin first."""
-
-    def rank(item: pytest.Item) -> int:
-        names = item.path.parts
-        return next((i for i, name in enumerate(_LONGEST) if name in names), len(_LONGEST))
-
-    for item in items:
-        together = "documents" if item.path.name in _DOCUMENTS else str(item.path)
-        item.add_marker(pytest.mark.xdist_group(together))
-    items.sort(key=rank)
+    """Files with the longest tests begin first."""
+    items.sort(key=lambda item: next((i for i, name in enumerate(_LONGEST) if name in item.path.parts), len(_LONGEST)))
 
 
 def _folder(path: Path) -> Path:
