@@ -1,0 +1,57 @@
+"""What is worth fitting: also what a base is bent so far to imitate that it promises nothing."""
+
+import jax.numpy as jnp
+import numpy as np
+from diagnose.creeping import AMBIENT, BASE
+
+from scpjax.diagnose.holdout import Split, split
+from scpjax.diagnose.screen import fresh
+from scpjax.diagnose.trials import State, grown, residual_on
+from scpjax.fit.fit import best_start, refine
+from scpjax.fit.setup import Setup, prepare
+from scpjax.physics.catalogue import mechanism
+from scpjax.physics.model import Model
+from scpjax.physics.presets import structure
+from scpjax.recordings import excitation
+from scpjax.recordings.recording import Metadata, Recording
+from scpjax.simulate.simulate import Exponential, simulate
+
+TRIED = [mechanism(n) for n in ("friction", "nonlinear_stiffness", "nonlinear_heat_loss", "sensor_drift")]
+
+
+def hypothesis(strength: float) -> tuple[State, Split, Setup]:
+    """A plant that sticks, recorded, and the base model fitted to it."""
+    time, volts = excitation.multilevel_random(duration_s=120, period_s=0.1, hold_s=6, low=0, high=4, seed=3)
+    meta = Metadata(name="made", known=(("resistance_ohm", 1.2), ("moving_mass_kg", 0.25)), ambient_K=AMBIENT)
+    driven = Recording.from_arrays(time, {"voltage_V": volts}, {}, metadata=meta, require_outputs=False)
+    sticks = Model(structure("plant").with_mechanisms(mechanism("friction")), ambient=jnp.asarray(AMBIENT))
+    sticks = sticks.replace({**BASE, "friction.strength": strength, "friction.reference": 5e-3})
+    out = np.asarray(simulate(sticks, driven, method=Exponential(substeps=8)).outputs)
+    noise = np.random.default_rng(0).standard_normal(out.shape)
+    outputs = {
+        "temperature_degC": out[:, 0] - 273.15 + 0.1 * noise[:, 0],
+        "displacement_mm": 1e3 * out[:, 1] + 0.03 * noise[:, 1],
+    }
+    setup = prepare([Recording.from_arrays(time, {"voltage_V": volts}, outputs, metadata=meta)], model="plant")
+    parts = split(setup.data)
+    trial, _, _ = best_start(setup, parts.train)
+    trial, _, cost = refine(setup, parts.train, trial)
+    return State(setup, trial, residual_on(trial, parts.whole, setup), float(cost)), parts, grown(setup, *TRIED)
+
+
+def test_friction_is_tried_from_the_parameters_first_suggested():
+    state, parts, catalogue = hypothesis(0.4)
+    found = fresh(state, parts, catalogue, TRIED)
+    assert found is not None
+    assert found.mechanism.name == "friction"
+    # and it would begin there: not where the fit without it has ended
+    begun, bent = found.state.values, state.values
+    at = state.setup.structure.index["viscous_damping.damping"]
+    assert begun[at] == state.setup.starts[0][at]
+    assert bent[at] != begun[at]
+
+
+def test_nothing_is_begun_anew_where_nothing_sticks():
+    state, parts, catalogue = hypothesis(0.001)
+    found = fresh(state, parts, catalogue, TRIED)
+    assert found is None or found.mechanism.name != "friction"
