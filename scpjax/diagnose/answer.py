@@ -157,8 +157,8 @@ def _verdict(
     if closure and form_at_most(base, state, parts) and level(final, parts) <= AT_NOISE:
         return (
             "explained",
-            f"Left out of the base model: {names}. It leaves {ratio:.1f} times the noise, which a correction of its "
-            f"law's form takes away: {closure.expression}.",
+            f"Left out of the base model: {names}. That leaves {ratio:.1f} times the noise, which a correction in form "
+            f"takes away: {closure.expression}.",
         )
     return (
         "unexplained",

@@ -16,7 +16,7 @@ from scpjax.diagnose.outside import AT_NOISE, able, beyond_names, level
 from scpjax.diagnose.profiles import Limits
 from scpjax.diagnose.result import Diagnosis
 from scpjax.diagnose.rivals import Outcome, next_experiment
-from scpjax.diagnose.select import Evidence, Progress, choose
+from scpjax.diagnose.select import Choice, Evidence, Progress, choose
 from scpjax.diagnose.together import choose_together
 from scpjax.diagnose.trials import State, grown, residual_on
 from scpjax.fit.data import Data
@@ -65,26 +65,13 @@ def diagnose(
     tell = progress or (lambda text, fraction: None)
     tell("reading the recordings for a start", 0.0)
     setup = prepare(
-        recordings,
-        model=model,
-        fixed=fixed,
-        bin=options.bin,
-        order=options.order,
-        substeps=options.substeps,
+        recordings, model=model, fixed=fixed, bin=options.bin, order=options.order, substeps=options.substeps
     )
     candidates = (m for m in left_out() if applicable(m, what_there_is(setup.structure, setup.recordings)))
     catalogue = grown(setup, *candidates)
     tell("fitting the base model", 0.05)
     parts, base, notes = _base(setup)
-    if setup.structure.system:
-        choice = choose_together(base, parts, options.evidence, catalogue, progress=tell)
-    else:
-        choice = choose(base, parts, options.evidence, catalogue, max_steps=options.max_steps, progress=tell)
-    if choice.state.names:  # jumps inside gaps are timed better by the better model
-        problem = choice.state.setup
-        again, data, _ = settle(problem, choice.state.trial, parts.train, drop_outliers=False)
-        parts = _with_effort(parts, data)
-        choice = replace(choice, state=_state(problem, parts, again))
+    parts, choice = _chosen(parts, base, catalogue, options, tell)
     binned = observe(setup, parts.whole, base.trial, base.residual)
     lacking = missing(setup, parts.whole, base.trial, binned)
     learned = None
@@ -118,6 +105,22 @@ def _base(setup: Setup) -> tuple[Split, State, tuple[str, ...]]:
         parts = split(data)
     trial, _, _ = refine(setup, parts.train, trial)
     return parts, _state(setup, parts, trial), notes
+
+
+def _chosen(
+    parts: Split, base: State, catalogue: Setup, options: DiagnoseOptions, tell: Progress
+) -> tuple[Split, Choice]:
+    """What is named; and the data with jumps inside gaps timed by the better model."""
+    if base.setup.structure.system:
+        choice = choose_together(base, parts, options.evidence, catalogue, progress=tell)
+    else:
+        choice = choose(base, parts, options.evidence, catalogue, max_steps=options.max_steps, progress=tell)
+    if not choice.state.names:
+        return parts, choice
+    problem = choice.state.setup
+    again, data, _ = settle(problem, choice.state.trial, parts.train, drop_outliers=False)
+    parts = _with_effort(parts, data)
+    return parts, replace(choice, state=_state(problem, parts, again))
 
 
 def _state(setup: Setup, parts: Split, trial: Trial) -> State:

@@ -34,17 +34,10 @@ def screen(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Me
     take (d r)^2 / d^2 away if the simulation were linear in it. An effect of the wrong sign promises nothing. Starts
     of one mechanism together promise what their best mixture with no negative share does.
     """
-    here = evaluate(stack([state.trial]), split.train, state.setup.space)
-    n = split.train.target.size
-    residual, jacobian = np.asarray(here.residual[0])[:n], np.asarray(here.jacobian[0])[:n]
-    imitated, _ = np.linalg.qr(jacobian[:, np.any(jacobian != 0, axis=0)])
-    clean = lambda x: x - (x @ imitated) @ imitated.T  # noqa: E731
+    residual, clean = _beyond_parameters(state.setup, state.trial, split)
     starts = [s for m in mechanisms for s in starts_with(state, m, catalogue)]
-    simulated = residuals_at(
-        np.stack([s.value for s in starts]), np.stack([s.laws for s in starts]), split.train, catalogue.space
-    )
-    blown = np.any(np.abs(simulated) >= CEILING, axis=(1, 2, 3))
-    changed = clean(simulated.reshape(len(starts), -1) - residual)
+    simulated, blown = _simulated(starts, split, catalogue)
+    changed = clean(simulated - residual)
     target = clean(residual)
     size = np.sqrt(np.sum(changed**2, axis=1))
     ok = ~blown & np.isfinite(size) & (size > 0)
@@ -62,6 +55,25 @@ def screen(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Me
     return sorted(out, key=lambda p: -p.gain)
 
 
+def _beyond_parameters(
+    setup: Setup, trial: Trial, split: Split
+) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarray]]:
+    """Residuals (m,) of a trial on the training part, and what takes out of such (.., m) all that its parameters do."""
+    here = evaluate(stack([trial]), split.train, setup.space)
+    n = split.train.target.size
+    residual, jacobian = np.asarray(here.residual[0])[:n], np.asarray(here.jacobian[0])[:n]
+    jacobian = jacobian[:, np.all(np.isfinite(jacobian), axis=0) & np.any(jacobian != 0, axis=0)]
+    imitated, _ = np.linalg.qr(jacobian)
+    return residual, lambda x: x - (x @ imitated) @ imitated.T
+
+
+def _simulated(starts: Sequence[Start], split: Split, catalogue: Setup) -> tuple[np.ndarray, np.ndarray]:
+    """(residuals (starts, m) of the training part, whether a simulation blew up)."""
+    values, laws = np.stack([s.value for s in starts]), np.stack([s.laws for s in starts])
+    flat = residuals_at(values, laws, split.train, catalogue.space).reshape(len(starts), -1)
+    return flat, np.any(np.abs(flat) >= CEILING, axis=1)
+
+
 @dataclass(frozen=True)
 class Fresh:
     """What promises most beside the base parameters that the data first suggested, and where its fit may begin."""
@@ -77,27 +89,19 @@ def fresh(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Mec
     friction) that the mechanism promises nothing there. None where nothing improves by a share worth it.
     """
     setup = state.setup
-    slots = setup.structure.slots
     value = setup.starts[0].copy()
-    for slot in slots:
+    for slot in setup.structure.slots:
         if slot.mechanism not in setup.structure.base:
             value[slot.index] = state.values[slot.index]
     at = State(setup, trial_at(setup, value, np.asarray(state.trial.laws)), state.residual, state.cost)
-    here = evaluate(stack([at.trial]), split.train, setup.space)
-    n = split.train.target.size
-    residual, jacobian = np.asarray(here.residual[0])[:n], np.asarray(here.jacobian[0])[:n]
-    if not np.all(np.isfinite(jacobian)) or np.any(np.abs(residual) >= CEILING):
+    residual, clean = _beyond_parameters(setup, at.trial, split)
+    if np.any(np.abs(residual) >= CEILING):
         return None
-    imitated, _ = np.linalg.qr(jacobian[:, np.any(jacobian != 0, axis=0)])
-    left = lambda x: np.sum((x - (x @ imitated) @ imitated.T) ** 2, axis=-1)  # noqa: E731
     starts = [s for m in mechanisms for s in starts_with(at, m, catalogue)]
-    simulated = residuals_at(
-        np.stack([s.value for s in starts]), np.stack([s.laws for s in starts]), split.train, catalogue.space
-    ).reshape(len(starts), -1)
-    blown = np.any(np.abs(simulated) >= CEILING, axis=1)
-    after = np.where(blown, np.inf, left(simulated))
+    simulated, blown = _simulated(starts, split, catalogue)
+    after = np.where(blown, np.inf, np.sum(clean(simulated) ** 2, axis=1))
     best = int(np.argmin(after))
-    if after[best] > (1 - _WORTH) * left(residual):
+    if after[best] > (1 - _WORTH) * np.sum(clean(residual) ** 2):
         return None
     return Fresh(starts[best].mechanism, at)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
-from scpjax.diagnose.select import Choice, Comparison, Evidence, Progress, compare, probabilities
+from scpjax.diagnose.select import Choice, Comparison, Evidence, Progress, compare, equals, probabilities
 from scpjax.diagnose.trials import (
     State,
     at_noise,
@@ -36,6 +36,16 @@ _STEPS = 60
 
 
 @dataclass(frozen=True)
+class _Task:
+    """What is searched: the base as fitted, and the model of all mechanisms that it may leave out."""
+
+    base: State
+    split: Split
+    rules: Evidence
+    catalogue: Setup
+
+
+@dataclass(frozen=True)
 class _Set:
     """A set of mechanisms fitted within the model of all."""
 
@@ -54,18 +64,19 @@ def choose_together(
     progress: Progress | None = None,
 ) -> Choice:
     """The set of at most ``most`` mechanisms with most evidence, each of which is missed when it is taken out."""
+    task = _Task(base, split, rules, catalogue)
     candidates = [m for m in catalogue.structure.mechanisms if not m.is_base]
     beam = [_Set(frozenset(), base, compare(base, base, "", "", split, rules, 0))]
     seen: dict[frozenset[str], _Set] = {}
     for size in range(1, min(most, len(candidates)) + 1):
         if progress:
-            progress(f"sets of {size}", 0.15 + 0.5 * (size - 1) / most)
+            progress(f"sets of {size}", 0.15 + 0.4 * (size - 1) / most)
         make_room()
         new: dict[frozenset[str], _Set] = {}
         for kept in beam:
             for m in candidates:
                 if m.name not in kept.names:
-                    found = _with(base, kept, m, catalogue, split, rules)
+                    found = _with(task, kept, m)
                     if found.names not in new or found.state.cost < new[found.names].state.cost:
                         new[found.names] = found
         seen |= new
@@ -73,12 +84,16 @@ def choose_together(
         if at_noise(beam[0].state, split):
             break
     able = [s for s in seen.values() if s.gain.accepted]
+    alone = _by_itself(candidates, seen)
     if not able:
-        return Choice(base, _ranked(base, base, candidates, seen, catalogue, split, rules)[0], {}, {})
-    best = _thinned(max(able, key=lambda s: s.gain.delta_bic), base, catalogue, split, rules)
-    ranking, chance = _ranked(base, best.state, candidates, seen, catalogue, split, rules, best.names)
-    state = _alone(base, best, catalogue, split)
-    return Choice(state, ranking, {n: chance[n] for n in state.names}, dict.fromkeys(state.names, ()))
+        return Choice(base, alone, {}, {})
+    if progress:
+        progress("what the best set can do without", 0.55)
+    best = _thinned(task, max(able, key=lambda s: s.gain.delta_bic))
+    if progress:
+        progress("what could stand in for what", 0.65)
+    beside, chance, equivalents = _beside(task, best, candidates)
+    return Choice(_alone(task, best), (*alone, *beside), chance, equivalents)
 
 
 def _trial(setup: Setup, value: np.ndarray, laws: np.ndarray, names: frozenset[str]) -> Trial:
@@ -90,63 +105,61 @@ def _trial(setup: Setup, value: np.ndarray, laws: np.ndarray, names: frozenset[s
     return setup.trial(value, active, laws, width(setup))
 
 
-def _with(base: State, kept: _Set, m: Mechanism, catalogue: Setup, split: Split, rules: Evidence) -> _Set:
+def _begun(task: _Task, value: np.ndarray, names: frozenset[str]) -> list[np.ndarray]:
+    """Where a fit may begin: as ``value`` says, and with the base as the data suggested at first."""
+    own = [s.mechanism in names for s in task.catalogue.structure.slots]
+    mine = np.concatenate([own, np.zeros(len(value) - len(own), bool)])
+    return [value, *(np.where(mine, value, start) for start in task.catalogue.starts[:3])]
+
+
+def _with(task: _Task, kept: _Set, m: Mechanism) -> _Set:
     """A set with one mechanism more, from its starts: beside what was fitted, and beside what the base started from."""
     names = kept.names | {m.name}
-    trials = []
-    for start in starts_with(kept.state, m, catalogue):
-        trials.append(_trial(catalogue, start.value, start.laws, names))
-        for begun in catalogue.starts[:3]:
-            own = [s.mechanism in names for s in catalogue.structure.slots]
-            mine = np.concatenate([own, np.zeros(len(begun) - len(own), bool)])
-            trials.append(_trial(catalogue, np.where(mine, start.value, begun), start.laws, names))
-    return _fitted(base, names, trials, m.name, catalogue, split, rules)
+    trials = [
+        _trial(task.catalogue, value, start.laws, names)
+        for start in starts_with(kept.state, m, task.catalogue)
+        for value in _begun(task, start.value, names)
+    ]
+    return _fitted(task, names, trials, kept.state.cost, m.name)
 
 
-def _fitted(
-    base: State,
-    names: frozenset[str],
-    trials: Sequence[Trial],
-    added: str,
-    catalogue: Setup,
-    split: Split,
-    rules: Evidence,
-) -> _Set:
-    solved, cost = fit_leading(catalogue, split, trials, float(np.inf), _STEPS)
-    order = np.argsort(cost)
-    residual = binned_of([solved[int(order[0])]], split.whole, catalogue.space)[0]
+def _fitted(task: _Task, names: frozenset[str], trials: Sequence[Trial], before: float, added: str = "") -> _Set:
+    """The best of some trials of a set; ``before`` is the cost of the set that they come from."""
+    catalogue, base = task.catalogue, task.base
+    solved, cost = fit_leading(catalogue, task.split, trials, before, _STEPS)
+    best = int(np.argmin(cost))
+    residual = binned_of([solved[best]], task.split.whole, catalogue.space)[0]
     if np.any(np.abs(residual) >= CEILING):  # it blew up: it explains nothing
         residual = 10.0 * np.abs(base.residual)
-    state = State(catalogue, solved[int(order[0])], residual, float(cost[order[0]]))
-    extra = int(np.asarray(state.trial.active).sum()) - int(np.asarray(base.trial.active).sum())
-    law = "" if not added else state.laws[added]
-    return _Set(names, state, compare(base, state, added, law, split, rules, extra))
+    state = State(catalogue, solved[best], residual, float(cost[best]))
+    law = state.laws[added] if added else ""
+    extra = _moving(state) - _moving(base)
+    return _Set(names, state, compare(base, state, added, law, task.split, task.rules, extra))
 
 
-def _without(base: State, s: _Set, name: str, catalogue: Setup, split: Split, rules: Evidence) -> _Set:
-    """A set less one mechanism, fitted again from where it stands and from where the base started."""
+def _moving(state: State) -> int:
+    return int(np.asarray(state.trial.active).sum())
+
+
+def _compared(task: _Task, before: _Set, after: _Set, name: str) -> Comparison:
+    """Evidence for the mechanism by which one set goes beyond another."""
+    extra = _moving(after.state) - _moving(before.state)
+    return compare(before.state, after.state, name, after.state.laws[name], task.split, task.rules, extra)
+
+
+def _missed(task: _Task, s: _Set, name: str) -> tuple[Comparison, _Set]:
+    """How much a set loses without one of its mechanisms; and what is left, fitted again."""
     names = s.names - {name}
-    laws, now = np.asarray(s.state.trial.laws), s.state.values
-    own = [slot.mechanism in names for slot in catalogue.structure.slots]
-    mine = np.concatenate([own, np.zeros(len(now) - len(own), bool)])
-    begun = [now, *(np.where(mine, now, start) for start in catalogue.starts[:3])]
-    return _fitted(base, names, [_trial(catalogue, v, laws, names) for v in begun], "", catalogue, split, rules)
+    laws = np.asarray(s.state.trial.laws)
+    trials = [_trial(task.catalogue, value, laws, names) for value in _begun(task, s.state.values, names)]
+    less = _fitted(task, names, trials, s.state.cost)
+    return _compared(task, less, s, name), less
 
 
-def _missed(
-    base: State, s: _Set, name: str, catalogue: Setup, split: Split, rules: Evidence
-) -> tuple[Comparison, _Set]:
-    """How much a set loses without one of its mechanisms; and what is left."""
-    less = _without(base, s, name, catalogue, split, rules)
-    active = [int(np.asarray(x.state.trial.active).sum()) for x in (s, less)]
-    law = s.state.laws[name]
-    return compare(less.state, s.state, name, law, split, rules, active[0] - active[1]), less
-
-
-def _thinned(s: _Set, base: State, catalogue: Setup, split: Split, rules: Evidence) -> _Set:
+def _thinned(task: _Task, s: _Set) -> _Set:
     """The set without what it does not miss, least missed first."""
     while len(s.names) > 1:
-        lost = [_missed(base, s, name, catalogue, split, rules) for name in sorted(s.names)]
+        lost = [_missed(task, s, name) for name in sorted(s.names)]
         spare = [(c, less) for c, less in lost if not c.accepted]
         if not spare:
             break
@@ -154,39 +167,49 @@ def _thinned(s: _Set, base: State, catalogue: Setup, split: Split, rules: Eviden
     return s
 
 
-def _ranked(
-    base: State,
-    state: State,
-    candidates: Sequence[Mechanism],
-    seen: dict[frozenset[str], _Set],
-    catalogue: Setup,
-    split: Split,
-    rules: Evidence,
-    names: frozenset[str] = frozenset(),
-) -> tuple[tuple[Ranked, ...], dict[str, float]]:
-    """Evidence for each mechanism alone (round 1) and for each beside all others that were chosen (round 2)."""
+def _by_itself(candidates: Sequence[Mechanism], seen: dict[frozenset[str], _Set]) -> tuple[Ranked, ...]:
+    """Evidence for each mechanism alone: round 1."""
     alone = [seen[frozenset({m.name})].gain for m in candidates]
-    p = probabilities(alone)
-    out = [Ranked(c.added, c.delta_bic, c.held_out_gain, p[c.added], c.law, 1) for c in alone]
-    chance: dict[str, float] = {}
-    chosen = _Set(names, state, compare(base, state, "", "", split, rules, 0))
-    for m in candidates if names else ():
-        if m.name in names:
-            c = _missed(base, chosen, m.name, catalogue, split, rules)[0]
-        else:
-            more = _with(base, chosen, m, catalogue, split, rules)
-            c = compare(state, more.state, m.name, more.gain.law, split, rules, len(m.free_parameters(0)))
-        chance[m.name] = probabilities([c])[m.name]
-        out.append(Ranked(m.name, c.delta_bic, c.held_out_gain, chance[m.name], c.law, 2))
-    return tuple(sorted(out, key=lambda r: (r.round, -r.delta_bic))), chance
+    return _in_order(alone, probabilities(alone), 1)
 
 
-def _alone(base: State, s: _Set, catalogue: Setup, split: Split) -> State:
+def _in_order(found: Sequence[Comparison], p: dict[str, float], round_: int) -> tuple[Ranked, ...]:
+    ranked = [Ranked(c.added, c.delta_bic, c.held_out_gain, p[c.added], c.law, round_) for c in found]
+    return tuple(sorted(ranked, key=lambda r: -r.delta_bic))
+
+
+def _beside(
+    task: _Task, s: _Set, candidates: Sequence[Mechanism]
+) -> tuple[tuple[Ranked, ...], dict[str, float], dict[str, tuple[str, ...]]]:
+    """Evidence for each mechanism beside all others that were chosen (round 2); probabilities of those chosen, and what
+    could stand in for each: it is taken out, and every other one put in its place.
+    """
+    others = [m for m in candidates if m.name not in s.names]
+    found: list[Comparison] = []
+    p: dict[str, float] = {}
+    equivalents: dict[str, tuple[str, ...]] = {}
+    for name in sorted(s.names):
+        own, less = _missed(task, s, name)
+        swapped = [_compared(task, less, _with(task, less, m), m.name) for m in others]
+        equivalents[name] = equals(own, swapped, less.state, task.split)
+        share = probabilities([own, *swapped])
+        p[name] = share[name] + sum(share[e] for e in equivalents[name])
+        found.append(own)
+    chance = dict(p)
+    for m in others:
+        more = _compared(task, s, _with(task, s, m), m.name)
+        p[m.name] = probabilities([more])[m.name]
+        found.append(more)
+    return _in_order(found, p, 2), chance, equivalents
+
+
+def _alone(task: _Task, s: _Set) -> State:
     """A set in a model of its own, that holds nothing else."""
+    catalogue = task.catalogue
     chosen = [m for m in catalogue.structure.mechanisms if m.name in s.names]
-    problem = grown(base.setup, *chosen)
+    problem = grown(task.base.setup, *chosen)
     null = np.asarray(problem.starts[0])[: len(problem.structure.slots)]
     value = carry(catalogue.structure, problem.structure, s.state.values, null)
     laws = laws_of(catalogue, np.asarray(s.state.trial.laws), problem)
     trial = problem.trial(value, moving_parameters(problem, laws), laws, width(problem))
-    return at_rest(problem, split, [trial])
+    return at_rest(problem, task.split, [trial])

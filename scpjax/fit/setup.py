@@ -190,27 +190,23 @@ def prepare(
     )
     starts, free_base = starts_of(s, guesses, known, scales, recordings, locals_, ambient)
     space = space_of(s, locals_, len(recordings), starts[0], scales, measured(s, recordings)[0], prior_strength)
-    fixed_values = null_values(s, scales)
-    size = space.size
-    all_fixed = np.concatenate([fixed_values, np.zeros(size - len(fixed_values))])
+    fixed_values = _held(s, scales, known, free_base, starts[0])
+    active = np.concatenate([free_base, np.ones(space.size - len(free_base), bool)])
+    notes = cut_notes + notes + known_notes
+    return Setup(s, recordings, data, space, fixed_values, active, tuple(starts), scales, tuple(known), notes)
+
+
+def _held(
+    s: Structure, scales: Scales, known: Mapping[str, float], free_base: np.ndarray, start: np.ndarray
+) -> np.ndarray:
+    """Physical values of all that does not move: what is known, nulls, and base parameters that nothing bears on."""
+    values = np.concatenate([null_values(s, scales), np.zeros(len(start) - len(s.slots))])
     for key, value in known.items():
-        all_fixed[s.index[key]] = value
+        values[s.index[key]] = value
     for i, slot in enumerate(s.slots):
         if slot.parameter.null is None and not free_base[i]:
-            all_fixed[i] = starts[0][i]
-    active = np.concatenate([free_base, np.ones(size - len(free_base), bool)])
-    return Setup(
-        s,
-        recordings,
-        data,
-        space,
-        all_fixed,
-        active,
-        tuple(starts),
-        scales,
-        tuple(known),
-        cut_notes + notes + known_notes,
-    )
+            values[i] = start[i]
+    return values
 
 
 def what_there_is(s: Structure, recordings: Sequence[Recording]) -> set[str]:

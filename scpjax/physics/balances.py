@@ -158,7 +158,8 @@ class Balances:
         parts: list[Array] = []
         if self.structure.thermal:
             self._heat(view, owns)
-            parts += self._each(view.heat / self.thermal_mass)
+            view.warming = view.heat / self.thermal_mass
+            parts += self._each(view.warming)
         if self.structure.mechanical:
             force = self._force(view, owns)
             parts += [z[len(parts) + 1], force / self.moving_mass]

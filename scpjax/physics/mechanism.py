@@ -44,6 +44,7 @@ class View:
     own: tuple[Array, ...] = ()  # this mechanism's states
     power: Array = field(default_factory=lambda: jnp.zeros(()))  # W, into the heated node
     heat: Array = field(default_factory=lambda: jnp.zeros(()))  # W, net
+    warming: Array = field(default_factory=lambda: jnp.zeros(()))  # K/s, of the heated node; in rates() only
     felt: Array = field(default_factory=lambda: jnp.zeros(()))  # K above ambient, where the sensor touches
     actuating: Array = field(default_factory=lambda: jnp.zeros(()))  # K above ambient, that pulls
     deflection: Array = field(default_factory=lambda: jnp.zeros(()))  # m, that stretches the spring

@@ -174,3 +174,25 @@ def test_names_that_leave_little_are_corrected_in_their_balance_near_the_noise(m
     assert choice.state is named
     assert learned is None
     assert asked == ([(named, ["thermoelectric"])] if corrected else [])
+
+
+def test_a_law_of_another_form_is_named_and_corrected():
+    """A loss that sets in between two temperatures is no power of them: the name stays, a correction is learned."""
+
+    def sets_in(_t: float, temperature: float, _moved: float) -> float:
+        return 0.8 * LOSS * temperature / (1 + np.exp(-(temperature - 25.0) / 8.0))
+
+    base, parts = base_of(recorded(sets_in))
+    named = added(base, "nonlinear_heat_loss", parts)
+    assert form_at_most(base, named, parts)
+    assert 1.15 < level(named, parts) < 4
+    binned, lacking = lacking_in(base, parts)
+    choice, learned = beyond_names(parts, base, Choice(named, (), {}, {}), Evidence(), able(lacking))
+    assert choice.state.names == ("nonlinear_heat_loss",)
+    assert learned is not None
+    assert all(k.startswith("learned_heat.") for k in learned.terms)
+    assert level(learned.state, parts) < level(named, parts)
+    said = answer(parts, base, choice, learned, binned, lacking, notes=(), seconds=0.0, settings={})
+    assert said.verdict == ("explained" if level(learned.state, parts) <= 1.15 else "unexplained")
+    assert said.closure is not None
+    assert said.closure.expression in said.says

@@ -1,37 +1,13 @@
-"""Recordings are read as written; a broken file is refused in one line that says where and how to mend."""
+"""Recordings are read as written, and written as read."""
 
-import os
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
+from made_files import HEADER, rows, table, write
 
 from scpjax.errors import RecordingError
 from scpjax.recordings import files, read_recording, read_recordings, write_recording
-
-HEADER = "time_s,voltage_V,temperature_degC,displacement_mm"
-
-
-def rows(n: int = 12, change: dict[int, str] | None = None) -> list[str]:
-    """Rows 0.1 s apart; ``change`` replaces some by number."""
-    made = [f"{k / 10:g},{3 * (k > 3)},{23 + k / 2:g},{k / 10:g}" for k in range(n)]
-    for k, row in (change or {}).items():
-        made[k] = row
-    return made
-
-
-def write(folder: Path, text: str | bytes | None = None, toml: str | None = None) -> Path:
-    path = folder / "run.csv"
-    text = "\n".join([HEADER, *rows()]) + "\n" if text is None else text
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    if toml is not None:
-        path.with_suffix(".toml").write_text(toml)
-    return path
-
-
-def table(header: str = HEADER, change: dict[int, str] | None = None, n: int = 12) -> str:
-    return "\n".join([header, *rows(n, change)]) + "\n"
 
 
 def test_values_are_si(tmp_path):
@@ -212,123 +188,6 @@ def test_many(tmp_path):
     assert len(read_recordings([path, path])) == 2
     with pytest.raises(RecordingError, match="name at least one"):
         read_recordings([])
-
-
-NUMBERS = "\n".join(rows())
-BROKEN: dict[str, tuple[str | bytes, str, str]] = {
-    # name: (CSV, place in the message, a word of the mend)
-    "empty": ("", "run.csv:line 1", "export"),
-    "only comments": ("# nothing\n\n", "run.csv:line 1", "export"),
-    "header only": (HEADER + "\n", "run.csv:line 1", "record"),
-    "too few rows": (table(n=5), "run.csv:line 6", "at least 8"),
-    "no header": (NUMBERS, "run.csv:line 1", "add a first line"),
-    "no time": (table(HEADER.replace("time_s", "t")), "run.csv", "time_s"),
-    "time without unit": (table(HEADER.replace("time_s", "time")), "run.csv", "rename 'time'"),
-    "no unit": (table(HEADER.replace("_mm", "")), "column displacement", "displacement_mm"),
-    "wrong unit": (table(HEADER.replace("_mm", "_inch")), "column displacement_inch", "displacement_cm"),
-    "wrong quantity": (table(HEADER.replace("_mm", "_V")), "column displacement_V", "displacement_mm"),
-    "temperature_C": (table(HEADER.replace("degC", "C")), "column temperature_C", "temperature_degC"),
-    "duplicate": (table(HEADER.replace("temperature_degC", "displacement_mm")), "run.csv:line 1", "rename"),
-    "same stem": (table(HEADER.replace("temperature_degC", "displacement_cm")), "displacement_mm", "remove"),
-    "nameless column": (table(HEADER.replace("temperature_degC", "")), "run.csv:line 1", "name it"),
-    "one column": ("time_s\n" + "\n".join(str(k) for k in range(9)), "run.csv:line 1", "comma"),
-    "no drive": (table(HEADER.replace("voltage_V", "humidity_pct")), "run.csv", "[roles]"),
-    "no response": ("time_s,voltage_V\n" + "\n".join(f"{k},{k}" for k in range(9)), "run.csv", "[roles]"),
-    "ragged short": (table(change={5: "0.5,3,25.5"}), "run.csv:line 7", "repair"),
-    "ragged long": (table(change={5: "0.5,3,25.5,0.5,9"}), "run.csv:line 7", "repair"),
-    "text": (table(change={5: "0.5,3,warm,0.5"}), "run.csv:line 7", "repair"),
-    "decimal comma": (table(change={5: '0.5,"3,2",25.5,0.5'}), "run.csv:line 7", "decimal points"),
-    "error text": (table(change={5: "0.5,3,#VALUE!,0.5"}), "'#VALUE!'", "repair"),
-    "inf": (table(change={5: "0.5,3,25.5,inf"}), "run.csv:line 7", "repair"),
-    "missing drive": (table(change={5: "0.5,,25.5,0.5"}), "run.csv:line 7", "fill it in"),
-    "nan drive": (table(change={5: "0.5,nan,25.5,0.5"}), "run.csv:line 7", "repair"),
-    "nan time": (table(change={5: "nan,3,25.5,0.5"}), "run.csv:line 7", "repair"),
-    "time repeats": (table(change={5: "0.4,3,25.5,0.5"}), "run.csv:line 7", "remove"),
-    "time goes back": (table(change={5: "0.1,3,25.5,0.5"}), "run.csv:line 7", "sort"),
-    "line after comment": ("# a\n" + table(change={5: "# b\n0.1,3,25.5,0.5"}), "run.csv:line 9", "sort"),
-    "kelvin as degC": (table(change={5: "0.5,3,2980,0.5"}), "column temperature_degC", "kelvin"),
-    "failed sensor": (table(change={5: "0.5,3,-127,0.5"}), "line 7", "empty"),
-    "degC as kelvin": (table(HEADER.replace("degC", "K")), "column temperature_K", "degC"),
-    "pwm over 255": (table(HEADER.replace("voltage_V", "pwm"), {5: "0.5,300,25,0"}), "line 7", "255"),
-    "latin-1": (table().replace("degC", "°C").encode("latin-1"), "run.csv:line 1", "UTF-8"),
-    "latin-1 in row": (table(change={5: "0.5,3,25°,0"}).encode("latin-1"), "run.csv:line 7", "UTF-8"),
-    "utf-16": (table().encode("utf-16"), "run.csv:line 1", "UTF-8"),
-    "binary": (table().encode() + b"\0\0\0", "run.csv:line 14", "export"),
-    "underscored number": (table(change={5: "0.5,1_000,25,0"}), "run.csv:line 7", "repair"),
-}
-
-
-def check_message(error: RecordingError, place: str, word: str, name: str) -> None:
-    message = str(error)
-    assert name in message
-    assert place in message
-    assert word in message
-    assert "\n" not in message
-    assert len(message) < 600
-
-
-@pytest.mark.parametrize("name", BROKEN)
-def test_broken_files(tmp_path, name):
-    text, place, word = BROKEN[name]
-    with pytest.raises(RecordingError) as caught:
-        read_recording(write(tmp_path, text))
-    check_message(caught.value, place, word, "run.csv")
-
-
-BROKEN_TOML: dict[str, tuple[str, str, str]] = {
-    "no TOML": ("[recording]\ntitle = x", "run.toml:line 2", "quotes"),
-    "unclosed": ("[recording\n", "run.toml:line 1", "key = value"),
-    "section": ("[recodring]\ntitle = 'x'", "run.toml:line 1", "'recording'"),
-    "top key": ("title = 'x'", "run.toml:line 1", "use one of"),
-    "section as value": ("pulley = 3", "run.toml:line 1", "[pulley]"),
-    "key": ("[environment]\n\nambient_C = 20", "run.toml:line 3", "'ambient_degC'"),
-    "hold": ('[recording]\nhold = "zoh"', "run.toml:line 2", "'zero_order'"),
-    "hold misspelt": ('[recording]\nhold = "liner"', "run.toml:line 2", "'linear'"),
-    "model": ('[recording]\nmodel = "TEM"', "run.toml:line 2", "use one of te, tm"),
-    "ambient in kelvin": ("[environment]\nambient_degC = 296", "run.toml:line 2", "not K"),
-    "text for number": ('[environment]\nambient_degC = "23"', "run.toml:line 2", "without quotes"),
-    "nan": ("[actuator]\nstiffness_N_per_m = nan", "run.toml:line 2", "without quotes"),
-    "boolean": ("[actuator]\nresistance_ohm = true", "run.toml:line 2", "without quotes"),
-    "negative resistance": ("[actuator]\nresistance_ohm = -1.2", "run.toml:line 2", "sign"),
-    "zero mass": ("[actuator]\nmoving_mass_kg = 0", "run.toml:line 2", "sign"),
-    "negative radius": ("[pulley]\nradius_m = -0.01", "run.toml:line 2", "sign"),
-    "misspelt actuator": ("[actuator]\nresistence_ohm = 1.2", "run.toml:line 2", "'resistance_ohm'"),
-    "role not there": ('[roles]\ndrive = "voltag_V"', "run.csv", "'voltage_V'"),
-    "role empty": ('[roles]\ndrive = ""', "run.toml:line 2", "COLUMN"),
-    "role number": ("[roles]\ndrive = 3", "run.toml:line 2", "COLUMN"),
-    "role twice": ('[roles]\nresponse = "displacement_mm, displacement_mm"', "run.csv", "once"),
-    "drive is response": ('[roles]\ndrive = "voltage_V"\nresponse = "voltage_V"', "run.csv", "choose"),
-    "title number": ("[recording]\ntitle = 3", "run.toml:line 2", "write title"),
-}
-
-
-@pytest.mark.parametrize("name", BROKEN_TOML)
-def test_broken_sidecars(tmp_path, name):
-    toml, place, word = BROKEN_TOML[name]
-    with pytest.raises(RecordingError) as caught:
-        read_recording(write(tmp_path, toml=toml))
-    check_message(caught.value, place, word, "run.")
-
-
-def test_not_there_and_folder(tmp_path):
-    write(tmp_path)
-    with pytest.raises(RecordingError, match=r"no such file; did you mean 'run.csv'"):
-        read_recording(tmp_path / "rum.csv")
-    with pytest.raises(RecordingError, match=r"is a folder.*such as run.csv"):
-        read_recording(tmp_path)
-    with pytest.raises(RecordingError, match="check the name"):
-        read_recording(tmp_path / "nowhere" / "a.csv")
-    with pytest.raises(RecordingError, match=r"end it in \.csv"):
-        write_recording(read_recording(tmp_path / "run.csv"), tmp_path / "a.txt")
-
-
-@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may write everywhere")
-def test_folder_that_cannot_be_written(tmp_path):
-    recording = read_recording(write(tmp_path))
-    closed = tmp_path / "closed"
-    closed.mkdir(mode=0o500)
-    with pytest.raises(RecordingError, match="cannot be written"):
-        write_recording(recording, closed / "a.csv")
 
 
 def test_real_data(data_dir):

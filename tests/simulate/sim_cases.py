@@ -21,6 +21,8 @@ PARAMETERS = {
     "mass": 0.2,
 }
 PLANT = presets.plant(**PARAMETERS)
+ACTUATOR = {**PARAMETERS, "resistance": 1.2, "conductance": 0.14, "thermal_mass": 1.2, "coefficient": 0.022}  # slower
+ACTUATOR |= {"damping": 8.0, "mass": 0.3}
 
 # a value far from null for each left-out mechanism; one not listed here takes its first start value
 ACTIVE = {
@@ -109,3 +111,16 @@ def worst(found, wanted) -> float:
     found, wanted = np.asarray(found), np.asarray(wanted)
     scale = np.max(np.abs(wanted), axis=0)
     return float(np.max(np.abs(found - wanted) / np.where(scale > 0, scale, 1.0)))
+
+
+def driven_by_power() -> Model:
+    """The plant driven by power, every watt of it turned into heat."""
+    structure = presets.structure("plant", drive="power")
+    return Model(structure).replace(PLANT.values() | {"joule_heating.gain": 1.0})
+
+
+def case_of(name: str, law: int):
+    """A mechanism at its representative values, and a start away from rest."""
+    structure = extended(PLANT.structure, name) if name in KINKED else smooth()
+    model = with_active(structure, name, law)
+    return model, model.initial(temperature=10.0)

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.integrate
-from sim_cases import KINKED, PARAMETERS, PLANT, case_id, extended, multilevel, recorded, smooth, with_active, worst
-from test_methods import BETA, C_TH, LAM, PULL, START, WARM, K, M, R, integrate
+from sim_cases import ACTUATOR, PLANT, extended, multilevel, recorded, with_active, worst
+from written_out import C_TH, LAM, WARM, K, R
 
 from scpjax.fit.guess import Scales
 from scpjax.fit.space import null_values
@@ -14,225 +14,6 @@ from scpjax.physics import presets
 from scpjax.physics.catalogue import NEEDS, applicable, catalogue, left_out
 from scpjax.physics.model import Model
 from scpjax.simulate.simulate import Adaptive, Exponential, energy_balance, simulate
-
-# a rounded corner as the equations state it: |x| with the corner of a hyperbola
-HOOK = lambda x, w: np.sqrt(x * x + w * w)  # noqa: E731
-
-
-def plant(*, power=None, loss=0.0, force=None, own=()):
-    """Rates of the plant with a term changed: own states follow the three of the plant."""
-
-    def rates(t, z, u):
-        warm, x, v = z[:3]
-        into = u / R if power is None else power(t, z, u)
-        back = -K * x - BETA * v + (PULL * warm if force is None else force(t, z, u))
-        gone = LAM * warm + (loss(t, z) if callable(loss) else loss)
-        return [(into - gone) / C_TH, v, back / M, *[rate(t, z, u) for rate in own]]
-
-    return rates, (*START, *[0.0] * len(own))
-
-
-def sagging(law):
-    drawn = lambda z, u: np.sqrt(u) / 10 if law == 0 else z[3]  # noqa: E731
-    left = lambda z, u: u * (1 - 0.4 * drawn(z, u)) ** 2  # noqa: E731
-    fill = {
-        0: lambda t, z, u: (np.sqrt(left(z, u)) / 10 - z[3]) / 2.0,
-        1: lambda t, z, u: np.sqrt(left(z, u)) / 10 / 6.0,
-        2: lambda t, z, u: (np.sqrt(left(z, u)) / 10 - z[3]) / 2.0,
-    }[law]
-    return plant(power=lambda t, z, u: left(z, u) / R, own=(fill,))
-
-
-def dead_zone(law):
-    def reaching(t, z, u):
-        v = np.sqrt(u)
-        if law == 1:
-            return u / (1 + (3.0 / v) ** 16) / R if v > 0 else 0.0
-        return (v - (HOOK(v + 3, 0.3) - HOOK(v - 3, 0.3)) / 2) ** 2 / R
-
-    return plant(power=reaching)
-
-
-def drifting_room(law):
-    shape = {0: lambda t: t / 6, 1: lambda t: 1 - np.exp(-t / 1.5), 2: lambda t: np.sin(t / 1.5)}[law]
-    return plant(loss=lambda t, z: -LAM * 0.4 * 20 * shape(t))
-
-
-def bent_force(law):
-    def force(t, z, u):
-        r = z[0] / 20
-        if law == 0:
-            return PULL * z[0] * (1 + 0.6 * r)
-        if law == 1:
-            return PULL * z[0] / np.sqrt(1 + 0.6 * r * r)
-        if law == 3:
-            return PULL * z[0] * np.hypot(r, 0.02) ** 0.6
-        beyond = (r + HOOK(r - 0.5, 0.1) - HOOK(0.5, 0.1)) / 2
-        return PULL * (z[0] + 0.6 * 20 * beyond)
-
-    return plant(force=force)
-
-
-def softening(law):
-    def force(t, z, u):
-        r = z[0] / 20
-        share = r if law == 0 else ((r - 0.5) / HOOK(r - 0.5, 0.2) + 0.5 / HOOK(0.5, 0.2)) / 2
-        return PULL * z[0] + K * z[1] * 0.4 * share
-
-    return plant(force=force)
-
-
-def slack(law):
-    def force(t, z, u):
-        pull, idle = PULL * z[0], K * 0.2 * 0.0025
-        taken = (HOOK(pull + idle, 0.1 * idle) - HOOK(pull - idle, 0.1 * idle)) / 2
-        return pull - (taken if law == 1 else 0.0)
-
-    return plant(force=force)
-
-
-def tiring(law):
-    wear = {
-        0: lambda t, z, u: abs(z[2]) / 10 / 0.0005,
-        1: lambda t, z, u: max(z[0], 0) / 20 / 6,
-        2: lambda t, z, u: max(z[0], 0) / 20 / 6,
-    }[law]
-    worn = lambda t, z: t / 6 if law == 2 else z[3]  # noqa: E731
-    return plant(force=lambda t, z, u: PULL * z[0] * (1 - 0.6 * (1 - np.exp(-0.8 / 0.6 * worn(t, z)))), own=(wear,))
-
-
-def pulled_back(law):
-    def force(t, z, u):
-        x = z[1] / 0.0025
-        beyond = (x - 0.4 + HOOK(x - 0.4, 0.02) + 0.4 - HOOK(0.4, 0.02)) / 2
-        f = lambda s: s + 1 - s**-2 - s**-3  # noqa: E731
-        slope = 1 + 2 * 1.1**-3 + 3 * 1.1**-4
-        rubber = 0.5 * (f(1.1 + x / 0.5) - f(1.1)) / slope
-        return PULL * z[0] - 0.7 * K * 0.0025 * (beyond, beyond**2, rubber)[law]
-
-    return plant(force=force)
-
-
-def drifting_sensor(_law):
-    return plant()
-
-
-EQUATIONS = {
-    "supply_sag": (sagging, 3),
-    "drive_dead_zone": (dead_zone, 2),
-    "ambient_drift": (drifting_room, 3),
-    "nonlinear_thermal_force": (bent_force, 4),
-    "thermal_softening": (softening, 2),
-    "slack": (slack, 2),
-    "fatigue": (tiring, 3),
-    "antagonist_load": (pulled_back, 3),
-    "sensor_drift": (drifting_sensor, 6),
-}
-
-
-@pytest.mark.parametrize("case", [(n, law) for n, (_, laws) in EQUATIONS.items() for law in range(laws)], ids=case_id)
-def test_mechanism_is_its_equation(case):
-    name, law = case
-    rates, z0 = EQUATIONS[name][0](law)
-    recording = multilevel(hold_s=1.0)
-    wanted = integrate(rates, z0, recording)
-    model = with_active(extended(PLANT.structure, name) if name in KINKED else smooth(), name, law)
-    names = model.structure.state_names
-    mine = np.array([i for i, s in enumerate(names) if s.startswith(name) or ("." not in s and s != "time")])
-    start = model.initial(WARM).at[mine].set(np.array(z0))
-    found = simulate(model, recording, initial=start, method=Exponential(substeps=8))
-    # |v| has a corner at every reversal; springs that engage are felt a step ahead
-    near, near_outputs = (5e-2, 3e-3) if name == "antagonist_load" and law < 2 else (2e-6, 3e-6)
-    near = 2e-4 if name == "fatigue" else near
-    assert worst(found.states[:, mine], wanted) < near
-    warm, moved = wanted[:, 0] + float(model.ambient), wanted[:, 1].copy()
-    if name == "slack" and law == 0:
-        moved -= (HOOK(moved + 5e-4, 5e-5) - HOOK(moved - 5e-4, 5e-5)) / 2
-    if name == "sensor_drift":
-        shape = 1 - np.exp(-recording.time / 2) if law in (2, 3) else recording.time / 6
-        far, hot = (moved, wanted[:, 0]) if law > 3 else (0.0025, 20)
-        moved, warm = (moved + 0.5 * far * shape, warm) if law % 2 == 0 else (moved, warm + 0.5 * hot * shape)
-    np.testing.assert_allclose(found.outputs[:, 0], warm, rtol=1e-6)
-    assert worst(found.outputs[:, 1], moved) < near_outputs
-
-
-# -- friction: the integrator looks a step ahead --------------------------------------------------------------
-
-ACTUATOR = {**PARAMETERS, "resistance": 1.2, "conductance": 0.14, "thermal_mass": 1.2, "coefficient": 0.022}
-ACTUATOR |= {"damping": 8.0, "mass": 0.3}
-TRAVEL = 0.0095
-SLOW = {"friction.velocity_time": 300.0, "friction.reference": TRAVEL, "friction.static": 0.3}
-
-
-def rubbing(recording, strength, law=0, order=2, **others):
-    base = presets.plant(**ACTUATOR)
-    structure = extended(base.structure, "friction")
-    laws = [float(law) * (m.name == "friction") for m in structure.mechanisms]
-    model = Model(structure, laws=laws).replace(base.values() | SLOW | {"friction.strength": strength} | others)
-    return np.asarray(simulate(model, recording, method=Exponential(order=order)).states)
-
-
-def rubbed(recording, strength, law=0):
-    """By scipy's implicit integrator, for friction as tanh would have it within 0.05."""
-    dry, slow = strength * K * TRAVEL, TRAVEL / 300.0
-    z, out = np.zeros(3), [np.zeros(3)]
-    for gap, volts in zip(np.diff(recording.time), recording.inputs[:-1, 0], strict=True):
-
-        def rates(_t, z, volts=volts):
-            t, x, v = z
-            u = abs(v) / slow
-            sliding = 2 * u / (1 + u + np.sqrt((1 - u) ** 2 + 0.4 * u)) * np.sign(v)
-            most = dry * (1 + law * 0.3 / (1 + (u / 10) ** 2))
-            force = 0.022 * t - K * x - 8 * v - most * sliding
-            return [(volts**2 / 1.2 - 0.14 * t) / 1.2, v, force / 0.3]
-
-        z = scipy.integrate.solve_ivp(rates, (0, gap), z, method="Radau", rtol=1e-8, atol=1e-11).y[:, -1]
-        out.append(z)
-    return np.array(out)
-
-
-@pytest.mark.parametrize("law", [0, 1])
-@pytest.mark.parametrize("period", [0.05, 0.25])
-def test_friction_of_long_steps_is_that_of_short_ones(period, law):
-    recording = multilevel(duration=40.0, period=period, hold_s=6.0, high=3.5)
-    wanted = rubbed(recording, 0.2, law)[:, 1]
-    free = rubbing(recording, 1e-9)[:, 1]
-    effect = np.sqrt(np.mean((wanted - free) ** 2))
-    assert effect > 0.05 * np.max(wanted)
-    for order, most in ((2, 0.05), (4, 0.03)):
-        error = np.sqrt(np.mean((rubbing(recording, 0.2, law, order=order)[:, 1] - wanted) ** 2))
-        assert error < (most + 0.1 * law) * effect, (order, error / effect)
-
-
-def test_friction_without_steps_is_the_law_itself():
-    model = with_active(extended(PLANT.structure, "friction"), "friction").replace({"friction.velocity_time": 2.0})
-    z = np.array([5.0, 1e-3, 0.002])
-    u = 0.002 / (0.0025 / 2.0)
-    s = 2 * u / (1 + u + np.sqrt((1 - u) ** 2 + 0.4 * u))
-    wanted = (PULL * 5.0 - K * 1e-3 - BETA * 0.002 - 0.2 * K * 0.0025 * s) / M
-    np.testing.assert_allclose(model.rates(jnp.asarray(z), jnp.zeros(1))[2], wanted, rtol=1e-12)
-
-
-@pytest.mark.parametrize("period", [0.05, 0.25])
-def test_load_sticks_until_the_pull_exceeds_friction(period):
-    """Slow heating: nothing moves below F_c, then x = (C T - F_c)/k but for the drag of the motion."""
-    time = np.arange(0, 60, period)
-    recording = recorded(time, {"voltage_V": np.sqrt(1.2 * 0.14 * time)})  # about 1 K/s
-    z = rubbing(recording, 0.3, **{"friction.velocity_time": 3e4})
-    pull, dry = 0.022 * z[:, 0], 0.3 * K * TRAVEL
-    stuck, slides = pull < 0.9 * dry, pull > 1.15 * dry
-    assert np.max(np.abs(z[stuck, 1])) < 0.02 * TRAVEL
-    rate = np.gradient(z[:, 1], time)
-    np.testing.assert_allclose(z[slides, 1], (pull - dry - 8 * rate)[slides] / K, atol=0.04 * TRAVEL)
-
-
-def test_strong_friction_does_not_blow_up():
-    recording = multilevel(duration=40.0, period=0.25, hold_s=3.0, high=4.0)
-    for strength in (0.5, 3.0, 50.0):
-        z = rubbing(recording, strength)
-        assert np.all(np.isfinite(z))
-        assert np.max(np.abs(z[:, 1])) < 1.5 * np.max(0.022 * z[:, 0]) / K
-
 
 # -- a joint ---------------------------------------------------------------------------------------------------
 
@@ -389,3 +170,17 @@ def test_time_is_a_state_only_where_it_is_looked_at():
     for method in (Exponential(order=2), Exponential(order=4), Adaptive()):
         found = simulate(model, recording, method=method).states[:, -1]
         np.testing.assert_allclose(found, recording.time - 5.0, rtol=1e-9, atol=1e-12)
+
+
+def test_plays_of_temperature_are_moved_by_the_heated_node_beside_a_second_one():
+    """The second node leaves the heated one less thermal mass: it warms faster, and the plays with it."""
+    structure = extended(PLANT.structure, "hysteresis", "two_node_thermal")
+    laws = [3.0 * (m.name == "hysteresis") for m in structure.mechanisms]
+    own = {"hysteresis.strength": 0.4, "hysteresis.width": 0.2, "hysteresis.reference_temperature": 30.0}
+    own |= {"two_node_thermal.share": 0.4, "two_node_thermal.time_constant": 2.0}
+    model = Model(structure, laws=laws).replace(PLANT.values() | own)
+    at = {name: i for i, name in enumerate(structure.state_names)}
+    z = jnp.zeros(len(at)).at[at["temperature"]].set(20.0)
+    rates = np.asarray(model.rates(z, jnp.asarray([4.0])))
+    assert rates[at["temperature"]] != 0
+    np.testing.assert_allclose(rates[at["hysteresis.internal_stretch"]] * 0.2 * 30.0, rates[at["temperature"]])

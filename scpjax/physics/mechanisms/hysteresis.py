@@ -94,11 +94,8 @@ class Hysteresis(Mechanism):
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
         first, second = (jnp.clip(z, -OVER, OVER) for z in view.own)
-        rate = view.velocity / p.reference
-        if "thermal_mass" in view.shared:
-            heating = view.heat / view.shared["thermal_mass"] / p.reference_temperature
-            rate = jnp.where(p.law == 3, heating, rate)
-        rate = rate / p.width
+        moved = jnp.where(p.law == 3, view.warming / p.reference_temperature, view.velocity / p.reference)
+        rate = moved / p.width
         sharpness = jnp.where(p.law >= 2, SHARP, p.sharpness)
         fill = jnp.exp(sharpness * jnp.log(jnp.sqrt(first**2 + 1e-12)))
         slip = rate * (1.0 - fill * jnp.where(rate * first > 0, 1.0, 0.0))

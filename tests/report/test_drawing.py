@@ -1,0 +1,57 @@
+"""Long signals are drawn with their peaks and holes, numbers with the digits that they have."""
+
+import math
+
+import numpy as np
+import pytest
+
+from scpjax.report.numbers import estimate, interval, number, percent, plus_minus
+from scpjax.report.plot import envelope
+
+
+@pytest.mark.parametrize("n", [50, 200_000])
+def test_a_long_signal_is_thinned_and_keeps_its_peaks(n):
+    rng = np.random.default_rng(0)
+    y = rng.normal(size=n)
+    y[n // 3], y[n // 2] = 50.0, -70.0
+    y[5:10] = np.nan
+    t, thin = envelope(np.arange(n), y)
+    assert len(thin) <= max(1500, min(n, 50))
+    assert np.nanmax(thin) == 50.0
+    assert np.nanmin(thin) == -70.0
+    assert np.all(np.diff(t) >= 0)
+
+
+def test_a_hole_in_a_long_signal_stays_a_hole():
+    y = np.ones(100_000)
+    y[40_000:60_000] = np.nan
+    t, thin = envelope(np.arange(100_000), y)
+    assert np.isnan(thin[(t > 40_500) & (t < 59_500)]).all()
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        (number(0.0), "0"),
+        (number(0.012345), "0.0123"),
+        (number(-12.345), "−12.3"),
+        (number(999.9), "1000"),
+        (number(4.5e-7), "4.50 × 10⁻⁷"),
+        (number(math.nan), "–"),
+        (plus_minus(4.2123, 0.1312), "4.21 ± 0.13"),
+        (plus_minus(4.2e-7, 1.3e-8), "(4.20 ± 0.13) × 10⁻⁷"),
+        (plus_minus(129.3, 48.2), "129 ± 48"),
+        (plus_minus(2.0, math.nan), "2.000"),
+        (estimate(289.0, 1148.0, 0.119, 7e5), "about 290"),
+        (estimate(30.0, 2.0, 26.0, 34.0, True), "30.00, at its limit"),
+        (estimate(-0.1, 0.2, -0.5, 0.3), "−0.10 ± 0.20"),
+        (interval(3.85e-3, 4.01e-3), "0.00385 to 0.00401"),
+        (interval(1.00001, 1.00002), "1.000010 to 1.000020"),
+        (percent(1.0), "> 99 %"),
+        (percent(0.001), "< 1 %"),
+        (percent(0.0), "0 %"),
+        (percent(0.5), "50 %"),
+    ],
+)
+def test_numbers(said, words):
+    assert said == words

@@ -1,0 +1,271 @@
+"""Left-out mechanisms against their equations, written out here and integrated by scipy."""
+
+import numpy as np
+import pytest
+from sim_cases import CASES, KINKED, PLANT, case_id, case_of, extended, multilevel, smooth, with_active, worst
+from written_out import C_TH, LAM, PULL, START, WARM, K, R, integrate, mechanics, plant
+
+from scpjax.simulate.simulate import Exponential, simulate
+
+
+def copper(law):
+    def rates(_t, z, u):
+        t, x, v = z
+        power = u / R / (1 + 0.004 * t) if law == 0 else u / R * (1 + 0.004 * t)
+        return [(power - LAM * t) / C_TH, *mechanics(x, v, t, K * x)]
+
+    return rates, START
+
+
+def convection(law):
+    room = float(PLANT.ambient)
+    glow = lambda t: (room + t) ** 4 - room**4 - 4 * room**3 * t  # noqa: E731
+
+    def rates(_t, z, u):
+        t, x, v = z
+        extra = abs(t / 50.0) ** 0.6 * t if law == 0 else 50.0 * glow(t) / glow(50.0)
+        return [(u / R - LAM * (t + 0.8 * extra)) / C_TH, *mechanics(x, v, t, K * x)]
+
+    return rates, START
+
+
+def two_nodes(law):
+    share, tau = 0.4, 0.3
+    between = share * (1 - share) * C_TH / tau
+
+    def rates(_t, z, u):
+        t, x, v, t2 = z
+        loss, loss2 = (0.0, LAM * t2) if law == 1 else (LAM * t, 0.0)
+        first = (u / R - loss - between * (t - t2)) / ((1 - share) * C_TH)
+        second = (between * (t - t2) - loss2) / (share * C_TH)
+        return [first, *mechanics(x, v, t if law == 2 else t2, K * x), second]
+
+    return rates, (*START, WARM)
+
+
+def lag(law):
+    def rates(_t, z, u):
+        t, x, v, y, w = z
+        late = ((w if law == 1 else t) - y) / 0.3
+        return [(u / R - LAM * t) / C_TH, *mechanics(x, v, t, K * x), late, (t - w) / 0.3 if law == 1 else 0.0]
+
+    return rates, (*START, WARM, WARM)
+
+
+def duffing(_law):
+    def rates(_t, z, u):
+        t, x, v = z
+        r = x / 0.01
+        return [(u / R - LAM * t) / C_TH, *mechanics(x, v, t, K * x * (1 + 0.3 * r + 0.4 * r**2))]
+
+    return rates, START
+
+
+def creeping(law):
+    first, second, ratio = {0: (0.3, 0.0, 4.0), 1: (0.3, 0.2, 4.0), 2: (0.15, 0.15, 10.0), 3: (0.3, 0.0, 4.0)}[law]
+
+    def rates(_t, z, u):
+        t, x, v, quick, slow = z
+        immediate = x - quick - slow
+        ahead = first * immediate - quick
+        return [
+            (u / R - LAM * t) / C_TH,
+            *mechanics(x, v, t, K * immediate),
+            ahead / (8.0 if law == 3 and ahead * quick < 0 else 2.0),
+            (second * immediate - slow) / (2.0 * ratio),
+        ]
+
+    # long at rest under the pull: the spring's own stretch, and what has crept since
+    x = START[1]
+    return rates, (START[0], (1 + first + second) * x, START[2], first * x, second * x)
+
+
+def hysteresis(law):
+    width = 0.15 * 0.01
+
+    def rates(_t, z, u):
+        t, x, v, q, q2 = z
+        warming = (u / R - LAM * t) / C_TH
+        moved = warming * 0.01 / 50.0 if law == 3 else v
+        filled = abs(q) ** (8 if law >= 2 else 3) if moved * q > 0 else 0.0
+        slip = (v - abs(v) * q) / width if law == 1 else moved / width * (1 - filled)
+        other = 3 * moved / width * (1 - (q2**8 if moved * q2 > 0 else 0.0)) if law >= 2 else 0.0
+        force = 0.4 * K * width * (q if law < 2 else (q + q2 / 3) / 2)
+        return [warming, *mechanics(x, v, t, K * x + force), slip, other]
+
+    return rates, (*START, 0.0, 0.0)
+
+
+def plain(_law):
+    def rates(_t, z, u):
+        t, x, v = z
+        return [(u / R - LAM * t) / C_TH, *mechanics(x, v, t, K * x)]
+
+    return rates, START
+
+
+EQUATIONS = {
+    "resistance_temperature": copper,
+    "nonlinear_heat_loss": convection,
+    "two_node_thermal": two_nodes,
+    "sensor_lag": lag,
+    "nonlinear_stiffness": duffing,
+    "creep": creeping,
+    "hysteresis": hysteresis,
+    "input_delay": plain,
+}
+
+
+@pytest.mark.parametrize("case", [c for c in CASES if c[0] in EQUATIONS], ids=case_id)
+def test_mechanism_is_its_equation(case):
+    name, law = case
+    rates, z0 = EQUATIONS[name](law)
+    recording = multilevel(hold_s=1.0)
+    delay = 0.1 if name == "input_delay" else 0.0
+    wanted = integrate(rates, z0, recording, delay=delay)
+
+    model, start = case_of(name, law)
+    names = model.structure.state_names
+    mine = [i for i, s in enumerate(names) if ("." not in s and s != "time") or s.startswith(name)]
+    if name == "nonlinear_stiffness":  # its rest is found by one Newton step only: begin where the test says
+        start = start.at[np.array(mine)].set(z0)
+    np.testing.assert_allclose(start[np.array(mine)], z0, rtol=1e-12, atol=1e-15)
+    found = simulate(model, recording, initial=start, method=Exponential(substeps=8))
+    assert worst(found.states[:, np.array(mine)], wanted) < (2e-5 if case == ("hysteresis", 1) else 1e-6)
+
+    felt = {"sensor_lag": 3, "two_node_thermal": 3 if law == 1 else 0}.get(name, 0)
+    warm = wanted[:, felt]
+    if case == ("sensor_lag", 2):
+        warm = 0.4 * wanted[:, 0] + 0.6 * warm
+    np.testing.assert_allclose(found.outputs[:, 0] - float(model.ambient), warm, rtol=1e-6, atol=1e-6)
+    assert worst(found.outputs[:, 1:], wanted[:, 1:2]) < 1e-6
+
+
+# -- as terms added to the plant
+
+# a rounded corner as the equations state it: |x| with the corner of a hyperbola
+HOOK = lambda x, w: np.sqrt(x * x + w * w)  # noqa: E731
+
+
+def sagging(law):
+    drawn = lambda z, u: np.sqrt(u) / 10 if law == 0 else z[3]  # noqa: E731
+    left = lambda z, u: u * (1 - 0.4 * drawn(z, u)) ** 2  # noqa: E731
+    fill = {
+        0: lambda t, z, u: (np.sqrt(left(z, u)) / 10 - z[3]) / 2.0,
+        1: lambda t, z, u: np.sqrt(left(z, u)) / 10 / 6.0,
+        2: lambda t, z, u: (np.sqrt(left(z, u)) / 10 - z[3]) / 2.0,
+    }[law]
+    return plant(power=lambda t, z, u: left(z, u) / R, own=(fill,))
+
+
+def dead_zone(law):
+    def reaching(t, z, u):
+        v = np.sqrt(u)
+        if law == 1:
+            return u / (1 + (3.0 / v) ** 16) / R if v > 0 else 0.0
+        return (v - (HOOK(v + 3, 0.3) - HOOK(v - 3, 0.3)) / 2) ** 2 / R
+
+    return plant(power=reaching)
+
+
+def drifting_room(law):
+    shape = {0: lambda t: t / 6, 1: lambda t: 1 - np.exp(-t / 1.5), 2: lambda t: np.sin(t / 1.5)}[law]
+    return plant(loss=lambda t, z: -LAM * 0.4 * 20 * shape(t))
+
+
+def bent_force(law):
+    def force(t, z, u):
+        r = z[0] / 20
+        if law == 0:
+            return PULL * z[0] * (1 + 0.6 * r)
+        if law == 1:
+            return PULL * z[0] / np.sqrt(1 + 0.6 * r * r)
+        if law == 3:
+            return PULL * z[0] * np.hypot(r, 0.02) ** 0.6
+        beyond = (r + HOOK(r - 0.5, 0.1) - HOOK(0.5, 0.1)) / 2
+        return PULL * (z[0] + 0.6 * 20 * beyond)
+
+    return plant(force=force)
+
+
+def softening(law):
+    def force(t, z, u):
+        r = z[0] / 20
+        share = r if law == 0 else ((r - 0.5) / HOOK(r - 0.5, 0.2) + 0.5 / HOOK(0.5, 0.2)) / 2
+        return PULL * z[0] + K * z[1] * 0.4 * share
+
+    return plant(force=force)
+
+
+def slack(law):
+    def force(t, z, u):
+        pull, idle = PULL * z[0], K * 0.2 * 0.0025
+        taken = (HOOK(pull + idle, 0.1 * idle) - HOOK(pull - idle, 0.1 * idle)) / 2
+        return pull - (taken if law == 1 else 0.0)
+
+    return plant(force=force)
+
+
+def tiring(law):
+    wear = {
+        0: lambda t, z, u: abs(z[2]) / 10 / 0.0005,
+        1: lambda t, z, u: max(z[0], 0) / 20 / 6,
+        2: lambda t, z, u: max(z[0], 0) / 20 / 6,
+    }[law]
+    worn = lambda t, z: t / 6 if law == 2 else z[3]  # noqa: E731
+    return plant(force=lambda t, z, u: PULL * z[0] * (1 - 0.6 * (1 - np.exp(-0.8 / 0.6 * worn(t, z)))), own=(wear,))
+
+
+def pulled_back(law):
+    def force(t, z, u):
+        x = z[1] / 0.0025
+        beyond = (x - 0.4 + HOOK(x - 0.4, 0.02) + 0.4 - HOOK(0.4, 0.02)) / 2
+        f = lambda s: s + 1 - s**-2 - s**-3  # noqa: E731
+        slope = 1 + 2 * 1.1**-3 + 3 * 1.1**-4
+        rubber = 0.5 * (f(1.1 + x / 0.5) - f(1.1)) / slope
+        return PULL * z[0] - 0.7 * K * 0.0025 * (beyond, beyond**2, rubber)[law]
+
+    return plant(force=force)
+
+
+def drifting_sensor(_law):
+    return plant()
+
+
+TERMS = {
+    "supply_sag": (sagging, 3),
+    "drive_dead_zone": (dead_zone, 2),
+    "ambient_drift": (drifting_room, 3),
+    "nonlinear_thermal_force": (bent_force, 4),
+    "thermal_softening": (softening, 2),
+    "slack": (slack, 2),
+    "fatigue": (tiring, 3),
+    "antagonist_load": (pulled_back, 3),
+    "sensor_drift": (drifting_sensor, 6),
+}
+
+
+@pytest.mark.parametrize("case", [(n, law) for n, (_, laws) in TERMS.items() for law in range(laws)], ids=case_id)
+def test_added_term_is_its_equation(case):
+    name, law = case
+    rates, z0 = TERMS[name][0](law)
+    recording = multilevel(hold_s=1.0)
+    wanted = integrate(rates, z0, recording)
+    model = with_active(extended(PLANT.structure, name) if name in KINKED else smooth(), name, law)
+    names = model.structure.state_names
+    mine = np.array([i for i, s in enumerate(names) if s.startswith(name) or ("." not in s and s != "time")])
+    start = model.initial(WARM).at[mine].set(np.array(z0))
+    found = simulate(model, recording, initial=start, method=Exponential(substeps=8))
+    # |v| has a corner at every reversal; springs that engage are felt a step ahead
+    near, near_outputs = (5e-2, 3e-3) if name == "antagonist_load" and law < 2 else (2e-6, 3e-6)
+    near = 2e-4 if name == "fatigue" else near
+    assert worst(found.states[:, mine], wanted) < near
+    warm, moved = wanted[:, 0] + float(model.ambient), wanted[:, 1].copy()
+    if name == "slack" and law == 0:
+        moved -= (HOOK(moved + 5e-4, 5e-5) - HOOK(moved - 5e-4, 5e-5)) / 2
+    if name == "sensor_drift":
+        shape = 1 - np.exp(-recording.time / 2) if law in (2, 3) else recording.time / 6
+        far, hot = (moved, wanted[:, 0]) if law > 3 else (0.0025, 20)
+        moved, warm = (moved + 0.5 * far * shape, warm) if law % 2 == 0 else (moved, warm + 0.5 * hot * shape)
+    np.testing.assert_allclose(found.outputs[:, 0], warm, rtol=1e-6)
+    assert worst(found.outputs[:, 1], moved) < near_outputs
