@@ -246,7 +246,7 @@ def pyserial() -> Any:
     try:
         import serial
     except ImportError as error:
-        raise BenchError("pyserial is not installed", mend="run: pip install 'scpjax[rig]'") from error
+        raise BenchError("pyserial is not installed", mend="run: pip install pyserial") from error
     return serial
 
 

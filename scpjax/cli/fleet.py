@@ -21,6 +21,18 @@ EACH = "actuators"
 """Folder below the output with a folder for every actuator diagnosed."""
 
 
+@dataclasses.dataclass(frozen=True)
+class _Job:
+    """What is asked for, and of whom: files by actuator, what was read of them, and why some could not be."""
+
+    arguments: Namespace
+    out: Path
+    actuators: dict[str, list[str]]
+    read: dict[str, list[Recording]]
+    failed: dict[str, str]
+    model: str | None
+
+
 def run_fleet(arguments: Namespace) -> None:
     """Fit, or diagnose, every actuator of a folder; one that cannot be read or fitted does not stop the others."""
     out = check_folder(arguments.out)
@@ -39,11 +51,11 @@ def run_fleet(arguments: Namespace) -> None:
         assert first is not None
         raise first
     start()
-    model = _model(arguments)
+    job = _Job(arguments, out, actuators, read, failed, _model(arguments))
     if arguments.diagnose:
-        _diagnose_all(arguments, out, actuators, read, failed, model)
+        _diagnose_all(job)
     else:
-        _fit_all(arguments, out, actuators, read, failed, model)
+        _fit_all(job)
 
 
 def _model(arguments: Namespace) -> str | None:
@@ -56,107 +68,88 @@ def _model(arguments: Namespace) -> str | None:
     return model
 
 
-def _fit_all(
-    arguments: Namespace,
-    out: Path,
-    actuators: dict[str, list[str]],
-    read: dict[str, list[Recording]],
-    failed: dict[str, str],
-    model: str | None,
-) -> None:
+def _fit_all(job: _Job) -> None:
     from scpjax.fit.fleet import fit_fleet
     from scpjax.report.report import command_line, write_fleet
 
-    with progress(arguments) as show:
-        fleet = fit_fleet(list(read.values()), names=list(read), model=model, progress=show)
-        by_name = dict(zip(fleet.names, fleet.fits, strict=True)) | failed
-        fleet = dataclasses.replace(fleet, names=tuple(actuators), fits=tuple(by_name[n] for n in actuators))
+    with progress(job.arguments) as show:
+        fleet = fit_fleet(list(job.read.values()), names=list(job.read), model=job.model, progress=show)
+        by_name = dict(zip(fleet.names, fleet.fits, strict=True)) | job.failed
+        fleet = dataclasses.replace(fleet, names=tuple(job.actuators), fits=tuple(by_name[n] for n in job.actuators))
         if all(isinstance(f, str) for f in fleet.fits):
-            raise _none(actuators, str(fleet.fits[0]))
-        with staged(out) as folder:
-            write_fleet(fleet, folder, command=command_line(arguments.line))
+            raise _none(job.actuators, str(fleet.fits[0]))
+        with staged(job.out) as folder:
+            write_fleet(fleet, folder, command=command_line(job.arguments.line))
     failures = {n: f for n, f in zip(fleet.names, fleet.fits, strict=True) if isinstance(f, str)}
-    say(arguments, f"{len(actuators) - len(failures)} of {len(actuators)} actuators fitted")
-    _say_end(arguments, out, failures)
+    say(job.arguments, f"{len(job.actuators) - len(failures)} of {len(job.actuators)} actuators fitted")
+    _say_end(job, failures)
 
 
 def _none(actuators: dict[str, list[str]], why: str) -> FitError:
     return FitError(f"none of {len(actuators)} actuators could be fitted; the first: {why}")
 
 
-def _say_end(arguments: Namespace, out: Path, failures: dict[str, str]) -> None:
+def _say_end(job: _Job, failures: dict[str, str]) -> None:
     for name, why in failures.items():
-        say(arguments, f"  {name}: {why}")
-    say(arguments, f"table: {out / 'fleet.csv'}\nreport: {out / 'report.html'}")
+        say(job.arguments, f"  {name}: {why}")
+    say(job.arguments, f"table: {job.out / 'fleet.csv'}\nreport: {job.out / 'report.html'}")
 
 
-def _diagnose_all(
-    arguments: Namespace,
-    out: Path,
-    actuators: dict[str, list[str]],
-    read: dict[str, list[Recording]],
-    failed: dict[str, str],
-    model: str | None,
-) -> None:
-    """Each actuator into a folder of its own, those that lie there already left alone; then the page of all."""
+def _diagnose_all(job: _Job) -> None:
+    """Diagnose each actuator into a folder of its own, those that lie there already left alone; then the page of all."""
     from scpjax.diagnose.fleet import Member, outliers, spreads, summary
     from scpjax.report.fleet import write_fleet_diagnosis
     from scpjax.report.report import command_line
 
     members: dict[str, Member] = {}
-    kept = 0
-    with progress(arguments) as show:
-        for i, (name, recordings) in enumerate(read.items()):
-            mark = fingerprint(actuators[name], arguments)
-            content = finished(out / EACH / folder_name(name, actuators), mark)
+    failed, kept = dict(job.failed), 0
+    with progress(job.arguments) as show:
+        for i, (name, recordings) in enumerate(job.read.items()):
+            place = job.out / EACH / folder_name(name, job.actuators)
+            mark = fingerprint(job.actuators[name], job.arguments)
+            content = finished(place, mark)
             kept += content is not None
             try:
                 if content is None:
-                    place = out / EACH / folder_name(name, actuators)
-                    content = _diagnose_one(arguments, place, name, recordings, model, mark, show, (i, len(read)))
+                    content = _diagnose_one(job, place, recordings, mark, _told(show, name, i, len(job.read)))
                 members[name] = Member(name, content)
             except ScpjaxError as error:
                 failed[name] = str(error)
             except KeyboardInterrupt as stop:
-                done = f"{len(members)} of {len(read)} actuators are in {out / EACH}; the same call goes on from there"
-                raise KeyboardInterrupt(done) from stop
-        every = [members.get(name) or Member(name, None, failed[name]) for name in actuators]
+                done = f"{len(members)} of {len(job.read)} actuators are in {job.out / EACH}"
+                raise KeyboardInterrupt(f"{done}; the same call goes on from there") from stop
+        every = [members.get(name) or Member(name, None, failed[name]) for name in job.actuators]
         if not members:
-            raise _none(actuators, every[0].failure)
+            raise _none(job.actuators, every[0].failure)
         found = spreads(every)
-        with staged(out) as folder:
-            write_fleet_diagnosis(every, found, outliers(every, found), folder, command=command_line(arguments.line))
+        odd = outliers(every, found)
+        with staged(job.out) as folder:
+            write_fleet_diagnosis(every, found, odd, folder, command=command_line(job.arguments.line))
     if kept:
-        say(arguments, f"{kept} actuators had been diagnosed before and were not diagnosed again")
+        say(job.arguments, f"{kept} actuators had been diagnosed before and were not diagnosed again")
     for sentence in summary(every, found):
-        say(arguments, sentence)
-    for o in outliers(every, found):
-        say(arguments, f"  {o.name}: {o.says}")
-    _say_end(arguments, out, failed)
+        say(job.arguments, sentence)
+    for o in odd:
+        say(job.arguments, f"  {o.name}: {o.says}")
+    _say_end(job, failed)
+
+
+def _told(show: Progress | None, name: str, i: int, n: int) -> Progress | None:
+    """Progress of the ``i``-th actuator of ``n`` as that of all."""
+    return (lambda text, fraction: show(f"{name}: {text}", (i + fraction) / n)) if show else None
 
 
 def _diagnose_one(
-    arguments: Namespace,
-    place: Path,
-    name: str,
-    recordings: Sequence[Recording],
-    model: str | None,
-    mark: str,
-    show: Progress | None,
-    turn: tuple[int, int],
+    job: _Job, place: Path, recordings: Sequence[Recording], mark: str, show: Progress | None
 ) -> dict[str, Any]:
     """Diagnose an actuator into its folder; the diagnosis as JSON."""
     from scpjax.diagnose.diagnose import diagnose
     from scpjax.report.report import command_line, write_diagnosis
 
-    def tell(text: str, fraction: float) -> None:
-        if show:
-            show(f"{name}: {text}", (turn[0] + fraction) / turn[1])
-
-    found = diagnose(recordings, model=model, progress=tell)
+    found = diagnose(recordings, model=job.model, progress=show)
     found = dataclasses.replace(found, settings={**found.settings, "fingerprint": mark})
     with staged(place) as folder:
-        write_diagnosis(found, folder, recordings=recordings, command=command_line(arguments.line))
+        write_diagnosis(found, folder, recordings=recordings, command=command_line(job.arguments.line))
     return json.loads((place / "diagnosis.json").read_text(encoding="utf-8"))
 
 

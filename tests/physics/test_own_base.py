@@ -8,10 +8,10 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from own_files import assert_refused
 from scipy.integrate import solve_ivp
 
 from scpjax.cli import main
-from scpjax.errors import ModelError
 from scpjax.physics.catalogue import catalogue, forget, left_out, mechanism, systems
 from scpjax.physics.model import Model
 from scpjax.physics.presets import system_structure
@@ -139,15 +139,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_named_in_one_line(fault, tmp_path):
-    text, words = FAULTS[fault]
-    file = tmp_path / "mine.py"
-    file.write_text(text)
-    before = catalogue()
-    with pytest.raises(ModelError) as raised:
-        use_base(file)
-    assert words in str(raised.value)
-    assert str(raised.value).startswith(str(file))
-    assert catalogue() == before
+    assert_refused(use_base, tmp_path, *FAULTS[fault])
 
 
 def test_the_oscillator_rings_as_its_equation_says():
