@@ -96,7 +96,7 @@ def _say_end(job: _Job, failures: dict[str, str]) -> None:
 
 
 def _diagnose_all(job: _Job) -> None:
-    """Diagnose each actuator into a folder of its own, those that lie there already left alone; then the page of all."""
+    """Each actuator into a folder of its own, where those that lie there already are left alone; then a page of all."""
     from scpjax.diagnose.fleet import Member, outliers, spreads, summary
     from scpjax.report.fleet import write_fleet_diagnosis
     from scpjax.report.report import command_line

@@ -79,3 +79,8 @@ class Talk:
                 return k * TICK_S
             self.wait(TICK_S)
         raise AssertionError(f"on for more than {most} s")
+
+
+def of(kind: type, messages: list) -> list:
+    """Those messages that are of a kind."""
+    return [x for x in messages if isinstance(x, kind)]

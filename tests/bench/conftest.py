@@ -1,7 +1,11 @@
 """One fixture for all boards."""
 
+import multiprocessing
+import time
+
 import boards
 import pytest
+from ports import ours
 
 
 @pytest.fixture(params=boards.KINDS)
@@ -14,3 +18,13 @@ def board(request):
 def talk(board):
     """A host without manners to a still board of each kind."""
     return boards.Talk(board())
+
+
+@pytest.fixture
+def nothing_is_left():
+    yield
+    deadline = time.monotonic() + 3
+    while time.monotonic() < deadline and ours():
+        time.sleep(0.02)
+    assert ours() == []
+    assert multiprocessing.active_children() == []

@@ -1,0 +1,47 @@
+"""The tab-separated lines of the thesis's own sketches."""
+
+import os
+import threading
+
+import numpy as np
+import pytest
+
+from scpjax.bench import legacy
+from scpjax.bench.device import PortDevice
+
+
+def thesis_lines(n=60):
+    rows = [f"{55 * i}\t{120 if i > 5 else 0}\t{40.0 + (0.02 * max(0, i - 5)):.2f}\r\n" for i in range(n)]
+    rows[20] = f"{55 * 20}\t120\t52.10\r\n"
+    return "".join(rows)
+
+
+def test_the_thesis_lines_become_a_recording():
+    text = "13\t7\n" + thesis_lines() + "garbage\n\t\t\n55\t999\t1\n"
+    found = legacy.recording(text.encode().split(b"\n"), value="distance")
+    assert found.n == 60
+    assert found.output("displacement")[-1] == pytest.approx(0.2 * 54 * 1e-3, rel=1e-6)
+    assert found.weight("displacement")[20] == 0
+    assert np.sum(found.weight("displacement") == 0) == 1
+    nearer = legacy.recording(text.encode().split(b"\n"), value="distance", nearer=True)
+    assert nearer.output("displacement")[-1] < 0
+
+
+def test_a_real_jump_is_believed_after_three_readings():
+    rows = [f"{50 * i}\t0\t{40.0 if i < 10 else 45.0}".encode() for i in range(20)]
+    assert legacy.recording(rows, value="distance").output("displacement")[-1] == pytest.approx(0.05)
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="skipped: no pseudo-terminals here")
+def test_the_thesis_lines_end_on_silence():
+    master, slave = os.openpty()
+    device = PortDevice(os.ttyname(slave), baud=legacy.BAUD)
+    device.open()
+    writer = threading.Thread(target=os.write, args=(master, thesis_lines().encode()))
+    writer.start()
+    rows = list(legacy.lines(device, silence=0.4, most=20.0))
+    writer.join()
+    device.close()
+    os.close(slave)
+    os.close(master)
+    assert len(legacy.parse(rows)) >= 59
