@@ -64,8 +64,9 @@ def locate(setup: Setup, b: Binned, subsystem: str, lacking: Sequence[Latent] = 
     What it depends on is read off the missing power, force or reading there, which does not lag behind its cause.
     """
     excess = np.where(b.there, b.residual**2, 0.0)
-    per_output = np.array([excess[..., j].sum() - b.there[..., j].sum() for j in range(excess.shape[2])])
-    worst = int(np.argmax(per_output))
+    per_output = np.sum(excess - b.there, axis=(0, 1))
+    recorded = b.there.any(axis=(0, 1))  # what was not has no misfit, and may not pass for the worst where all is well
+    worst = int(np.argmax(np.where(recorded, per_output, -np.inf)))
     columns = _column_names(setup)
     return Location(
         subsystem=subsystem,

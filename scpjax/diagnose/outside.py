@@ -10,7 +10,7 @@ from scpjax.diagnose.closure import Learned, learn
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Latent
 from scpjax.diagnose.select import Choice, Evidence
-from scpjax.diagnose.trials import State, misfit
+from scpjax.diagnose.trials import State, misfit, without
 
 AT_NOISE = 1.15  # ratio of residual to noise, in some column, up to which nothing more is asked for
 _LITTLE_LEFT = 0.05  # of the held-out misfit in excess of the noise: what names may leave unsought
@@ -49,18 +49,44 @@ def beyond_names(
 
     Names are false if a closure without them explains nearly all of the held-out misfit, and far better than they do.
     A closure is learned beyond the names that stay; in their balances, as a correction of their laws, where they leave
-    little.
+    little. A last name that came where little was left is false if such a correction does better in its place.
     """
     held = parts.is_held
     whole, left = _unexplained(base, held), _unexplained(choice.state, held)
     if form_at_most(base, choice.state, parts):
+        fewer, corrected = _corrected_rather_than_named(parts, base, choice, rules)
+        if corrected is not None:
+            return fewer, corrected
         if level(choice.state, parts) > _NEAR_NOISE:
             return choice, None
-        mine = (choice.state.setup.structure.mechanism(n).subsystem for n in choice.state.names)
-        return choice, learn(choice.state, parts, rules, ["thermoelectric" if m == "drive" else m for m in mine])
+        return choice, _correction(choice.state, parts, rules)
     alone = learn(base, parts, rules, where)
     if not choice.state.names:
         return choice, alone
     if alone is not None and _unexplained(alone.state, held) < min(_COMPLETE * whole, _FAR_BETTER * left):
         return Choice(base, choice.ranking, {}, {}), alone
     return choice, learn(choice.state, parts, rules)
+
+
+def _correction(state: State, parts: Split, rules: Evidence) -> Learned | None:
+    """What is learned in the balances of the named mechanisms."""
+    mine = (state.setup.structure.mechanism(n).subsystem for n in state.names)
+    return learn(state, parts, rules, ["thermoelectric" if m == "drive" else m for m in mine])
+
+
+def _corrected_rather_than_named(
+    parts: Split, base: State, choice: Choice, rules: Evidence
+) -> tuple[Choice, Learned | None]:
+    """The names but the last, and a correction of their laws; no correction where the last name does better."""
+    state = choice.state
+    if len(state.names) < 2:
+        return choice, None
+    fewer = without(state, state.names[-1], parts)
+    if not form_at_most(base, fewer, parts) or level(fewer, parts) > _NEAR_NOISE:
+        return choice, None
+    corrected = _correction(fewer, parts, rules)
+    held = parts.is_held
+    if corrected is None or _unexplained(corrected.state, held) >= _unexplained(state, held):
+        return choice, None
+    kept = {n: p for n, p in choice.probability.items() if n in fewer.names}
+    return Choice(fewer, choice.ranking, kept, {n: choice.equivalents.get(n, ()) for n in fewer.names}), corrected

@@ -209,8 +209,8 @@ def slack(law):
 def tiring(law):
     wear = {
         0: lambda t, z, u: abs(z[2]) / 10 / 0.0005,
-        1: lambda t, z, u: max(z[0], 0) / 20 / 6,
-        2: lambda t, z, u: max(z[0], 0) / 20 / 6,
+        1: lambda t, z, u: (max(z[0], 0) / 20) ** 1.7 / 6,
+        2: lambda t, z, u: (max(z[0], 0) / 20) ** 1.7 / 6,
     }[law]
     worn = lambda t, z: t / 6 if law == 2 else z[3]  # noqa: E731
     return plant(force=lambda t, z, u: PULL * z[0] * (1 - 0.6 * (1 - np.exp(-0.8 / 0.6 * worn(t, z)))), own=(wear,))

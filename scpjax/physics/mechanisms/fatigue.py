@@ -1,10 +1,13 @@
 """A coil that pulls less and less the more it has been used."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
+_COLD = 1e-6  # of the reference excess, below which nothing ages: a power's slope is finite there
 STROKES = 10.0  # travels of the reference displacement for which the loss is stated
 
 
@@ -14,7 +17,7 @@ class Fatigue(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "F = C T (1 - b (1 - exp(-a w/b))), w = 0 at the start;  law strokes: dw/dt = |v|/(10 x_ref);  "
-        "law heat: dw/dt = max(T, 0)/(T_ref t_ref);  law time: w = t/t_ref"
+        "law heat: dw/dt = (max(T, 0)/T_ref)^n / t_ref;  law time: w = t/t_ref"
     )
     source = (
         "loss of stroke over cycles of twisted and coiled nylon: Haines et al., Science 343 (2014) 868; annealing "
@@ -24,6 +27,7 @@ class Fatigue(Mechanism):
     needs = ("mechanical",)
     excited_by = "the same input again and again"
     timed = True
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"acceleration": (1,)}
     laws = ("strokes", "heat", "time")
     states = ("wear",)
     parameters = (
@@ -47,6 +51,16 @@ class Fatigue(Mechanism):
             bounds=(0.02, 1.0),
             null=0.6,
             spread=0.5,
+        ),
+        Parameter(
+            name="acceleration",
+            symbol="n",
+            unit="1",
+            description="power of the temperature excess with which it ages (law heat)",
+            typical=1.0,
+            bounds=(0.3, 6.0),
+            null=1.0,
+            spread=0.6,
         ),
         Parameter(
             name="reference",
@@ -79,7 +93,7 @@ class Fatigue(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.3, 0.6, 0.0, 0.0, 0.0),)
+    starts = ((0.3, 0.6, 1.0, 0.0, 0.0, 0.0),)
 
     def force(self, p: Values, view: View) -> Side:
         wear = p.loss * jnp.where(p.law == 2, view.time / p.reference_time, view.own[0])
@@ -87,7 +101,8 @@ class Fatigue(Mechanism):
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
         strokes = jnp.abs(view.velocity) / (STROKES * p.reference)
-        heat = jnp.maximum(view.temperature, 0.0) / (p.reference_temperature * p.reference_time)
+        excess = jnp.maximum(view.temperature / p.reference_temperature, _COLD)
+        heat = (excess**p.acceleration - _COLD**p.acceleration) / p.reference_time
         return (jnp.where(p.law == 0, strokes, heat),)
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
