@@ -111,15 +111,16 @@ _LITTLE = 12.0  # promise less than which a mechanism is not worth fitting
 _BEHIND = 0.2  # of the leader's promise, less than which it is not
 _FAR_BEHIND = 0.6  # of it, less than which nothing more is fitted once a mechanism has reached the noise
 _AT_LEAST, _AT_MOST, _LATER = 2, 5, 3  # mechanisms fitted; of them beside others already named
+_GOOD = 0.75  # of the misfit in excess of the noise: where nothing fitted takes so much away, twice as many are
 _COARSE = 1e-4  # half the fall of the sum of squares in one step, as a share of it, with which a trial need not go on
 _STARTS = 8  # of one mechanism, at most
 
 
-def promising(promises: Sequence[Promise], most: int = _AT_MOST) -> list[Promise]:
-    """Which mechanisms to fit: those not far behind the leader."""
+def promising(promises: Sequence[Promise]) -> list[Promise]:
+    """Which mechanisms may be fitted: those not far behind the leader."""
     worth = [p for p in promises if p.gain >= _LITTLE]
     near = [p for p in worth if p.gain >= _BEHIND * worth[0].gain]
-    return (near if len(near) >= _AT_LEAST else worth[:_AT_LEAST])[:most]
+    return near if len(near) >= _AT_LEAST else worth[:_AT_LEAST]
 
 
 def _best_starts(promise: Promise) -> list[Start]:
@@ -139,21 +140,28 @@ def fit_promising(
     max_steps: int,
     tell: Callable[[str], None],
 ) -> dict[str, dict[int, State]]:
-    """By mechanism and law, the hypotheses with one mechanism more that were worth fitting; `fresh` ones among them."""
+    """By mechanism and law, the hypotheses with one mechanism more that were worth fitting; `fresh` ones among them.
+
+    A promise is linear in what the base parameters can imitate: the right mechanism may promise less than others do.
+    """
     coarse = max(TOLERANCE, _COARSE * state.cost)
     out: dict[str, dict[int, State]] = {}
     lead, explained = 0.0, False
-    worth = promising(promises, _LATER if state.names else _AT_MOST)
-    worth += [p for p in promises if begun and p.mechanism.name == begun.mechanism.name and p not in worth]
-    for promise in worth:
+    most = _LATER if state.names else _AT_MOST
+    excess = max(state.cost - float(split.is_train.sum()), 0.0)
+    worth = promising(promises)
+    worth = worth[:most] + [p for p in promises if _is(p, begun)] + worth[most : 2 * most]
+    for i, promise in enumerate(worth):
         if explained and promise.gain < _FAR_BEHIND * promises[0].gain:
+            continue
+        if promise.mechanism.name in out or (i >= most and lead > _GOOD * excess and not _is(promise, begun)):
             continue
         make_room()
         tell(promise.mechanism.name)
         problem = grown(state.setup, promise.mechanism)
         over = {s.law: s for s in starts_with(state, promise.mechanism, problem)}
         trials = [_transfer(s, over[s.law], problem) for s in _best_starts(promise)]
-        if begun and promise.mechanism.name == begun.mechanism.name:
+        if begun and _is(promise, begun):
             trials += [trial_at(problem, s.value, s.laws) for s in starts_with(begun.state, begun.mechanism, problem)]
         solved, cost, _ = solve_all(trials, split.train, problem.space, max_steps=FEW, tolerance=coarse)
         lead = max(lead, float(state.cost - np.min(cost)))
@@ -161,6 +169,10 @@ def fit_promising(
         out[promise.mechanism.name] = found = _by_law(promise.mechanism, problem, split, solved, cost, state)
         explained = explained or any(at_noise(s, split) for s in found.values())
     return out
+
+
+def _is(promise: Promise, begun: Fresh | None) -> bool:
+    return begun is not None and promise.mechanism.name == begun.mechanism.name
 
 
 def _transfer(start: Start, like: Start, problem: Setup) -> Trial:

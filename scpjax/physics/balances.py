@@ -103,6 +103,7 @@ class Balances:
         if self.structure.system:
             which = self.structure.mechanisms.index(self.structure.system)
             view.states = dict(zip(self.structure.system.states, owns[which], strict=True))
+        view.asked = effort
         if not reaching:
             view.effort = self._fold("effort", effort, view, owns)
         view.felt = view.actuating = temperature

@@ -50,6 +50,7 @@ class View:
     deflection: Array = field(default_factory=lambda: jnp.zeros(()))  # m, that stretches the spring
     time: Array | float = 0.0  # s since the recording began; for mechanisms with ``timed``
     mass: Array | float = 0.0  # kg, all that moves, scalar
+    asked: Array = field(default_factory=lambda: jnp.zeros(()))  # as effort, before any mechanism changed it
     step: Array | float = 0.0  # s, of the integrator; 0 where there is none (see `Mechanism.resistance`)
     shared: dict[str, Array] = field(default_factory=dict)  # base parameters others refer to: stiffness, thermal_mass
     states: dict[str, Array] = field(default_factory=dict)  # of a base of one's own, by name

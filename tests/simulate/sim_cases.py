@@ -40,7 +40,7 @@ ACTIVE = {
     },
     "friction": {"strength": 0.2, "velocity_time": 10.0, "static": 0.5, "reference": 0.0025},
     "hysteresis": {"strength": 0.4, "width": 0.15},
-    "input_delay": {"time": 0.1},
+    "input_delay": {"time": 0.125, "share": 0.6},
     "nonlinear_heat_loss": {"strength": 0.8, "exponent": 0.6},
     "nonlinear_thermal_force": {"growth": 0.6, "transition": 0.5, "reference": 20.0},
     "nonlinear_stiffness": {"quadratic": 0.3, "cubic": 0.4},

@@ -85,7 +85,7 @@ def assert_agree(found, keep=slice(None)):
     floor = 1e-9 * np.max(np.abs(differences))
     np.testing.assert_allclose(reverse, differences, rtol=1e-6, atol=floor)
     np.testing.assert_allclose(forward, differences, rtol=1e-6, atol=floor)
-    assert np.count_nonzero(differences) > 0.8 * differences.size
+    assert np.count_nonzero(differences) > 0.75 * differences.size  # but for what another law uses
 
 
 def point_of(model, recording):
