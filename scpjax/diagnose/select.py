@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.screen import fit_promising, fresh, screen
-from scpjax.diagnose.trials import State, afresh, at_noise, at_rest, misfit, start_value, trial_at, without
+from scpjax.diagnose.trials import State, afresh, at_noise, at_rest, misfit, moving, start_value, trial_at, without
 from scpjax.fit.colour import Whitener
 from scpjax.fit.setup import Setup, laws_that_can_act
 from scpjax.physics.mechanism import Mechanism
@@ -19,6 +19,8 @@ Progress = Callable[[str, float], None]
 
 _FORM = 0.015  # of the misfit, which a law of another form may leave more than the best and be its equal
 _PLAIN = 100.0  # mean square, in units of the noise's, that is no matter of a law's form
+_CLOSE = 20.0  # difference of BIC (10 nats) up to which two mechanisms are close
+_WAYS = 2  # gone at a time
 _EQUIVALENTS = 3  # told of a mechanism, at most
 
 
@@ -174,6 +176,28 @@ def equals(best: Comparison, others: Sequence[Comparison], before: State, split:
     return tuple(name for _, name in sorted(found)[:_EQUIVALENTS])
 
 
+@dataclass(frozen=True)
+class _Search:
+    """What is searched, and by which rules."""
+
+    base: State
+    split: Split
+    rules: Evidence
+    catalogue: Setup
+    max_steps: int
+
+
+@dataclass(frozen=True)
+class _Branch:
+    """A way the selection may go: what was named on it, by which evidence."""
+
+    state: State
+    ranking: tuple[Ranked, ...] = ()
+    chance: dict[str, float] = field(default_factory=dict)
+    equivalents: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    ended: bool = False  # nothing more is asked for
+
+
 def choose(
     base: State,
     split: Split,
@@ -183,10 +207,12 @@ def choose(
     max_steps: int = 40,
     progress: Progress | None = None,
 ) -> Choice:
-    """Forward selection with pruning, from the base hypothesis; ``catalogue`` is the problem with every candidate."""
-    state, ranking = base, []
-    chance: dict[str, float] = {}
-    equivalents: dict[str, tuple[str, ...]] = {}
+    """Forward selection with pruning, from the base hypothesis; ``catalogue`` is the problem with every candidate.
+
+    Where two mechanisms are close and neither reaches the noise, both ways are gone one round further.
+    """
+    search = _Search(base, split, rules, catalogue, max_steps)
+    branches = [leader := _Branch(base)]
     for round_ in range(1, rules.most + 1):
         at = 0.15 + 0.2 * (round_ - 1)
 
@@ -195,22 +221,46 @@ def choose(
                 progress(f"round {round_}: trying {text}", at)
 
         tell("every mechanism")
-        tried = try_all(state, split, rules, catalogue, max_steps=max_steps, tell=tell)
-        p = probabilities(tried)
-        ranking += [Ranked(c.added, c.delta_bic, c.held_out_gain, p[c.added], c.law, round_) for c in tried]
-        accepted = [c for c in tried if c.accepted and worthwhile(state, c.state, base, split, rules.worth)]
-        if not accepted:
+        further = [b for way in branches for b in _one_more(search, way, round_, tell)]
+        leader = further[0]
+        for b in further[1:]:
+            if _is_better(b.state, leader.state, split, rules):
+                leader = b
+        if leader.ended or at_noise(leader.state, split):
             break
-        best = accepted[0]
-        equivalents[best.added] = equals(best, accepted, state, split)
-        chance[best.added] = p[best.added] + sum(p[e] for e in equivalents[best.added])
-        state = afresh(best.state, split)
-        state = _other_laws(state, best.added, split, rules)
+        branches = [leader, *(b for b in further if b is not leader and not b.ended)][:_WAYS]
+    names = leader.state.names
+    chance = {n: leader.chance[n] for n in names}
+    return Choice(leader.state, leader.ranking, chance, {n: leader.equivalents.get(n, ()) for n in names})
+
+
+def _one_more(search: _Search, way: _Branch, round_: int, tell: Callable[[str], None]) -> list[_Branch]:
+    """A branch with one mechanism more: the best one, and where that does not reach the noise one that is close."""
+    split, rules = search.split, search.rules
+    tried = try_all(way.state, split, rules, search.catalogue, max_steps=search.max_steps, tell=tell)
+    p = probabilities(tried)
+    ranked = (Ranked(c.added, c.delta_bic, c.held_out_gain, p[c.added], c.law, round_) for c in tried)
+    ranking = (*way.ranking, *ranked)
+    accepted = [c for c in tried if c.accepted and worthwhile(way.state, c.state, search.base, split, rules.worth)]
+    if not accepted:
+        return [replace(way, ranking=ranking, ended=True)]
+    out: list[_Branch] = []
+    for c in accepted[:_WAYS]:
+        if accepted[0].delta_bic - c.delta_bic > _CLOSE or (out and at_noise(out[0].state, split)):
+            break
+        like = equals(c, accepted, way.state, split)
+        state = afresh(c.state, split)
+        state = _other_laws(state, c.added, split, rules)
         state = _prune(state, split, rules)
-        if at_noise(state, split):
-            break
-    chance = {n: c for n, c in chance.items() if n in state.names}
-    return Choice(state, tuple(ranking), chance, {n: equivalents.get(n, ()) for n in state.names})
+        chance = way.chance | {c.added: p[c.added] + sum(p[e] for e in like)}
+        out.append(_Branch(state, ranking, chance, way.equivalents | {c.added: like}))
+    return out
+
+
+def _is_better(a: State, b: State, split: Split, rules: Evidence) -> bool:
+    """Whether one hypothesis has more evidence for it than another: BIC, as for mechanisms."""
+    extra = moving(a) - moving(b)
+    return compare(b, a, "", "", split, rules, extra).delta_bic > 0
 
 
 def _prune(state: State, split: Split, rules: Evidence) -> State:

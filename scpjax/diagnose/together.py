@@ -22,6 +22,7 @@ from scpjax.diagnose.trials import (
     fit_leading,
     grown,
     laws_of,
+    moving,
     moving_parameters,
     starts_with,
     width,
@@ -133,17 +134,13 @@ def _fitted(task: _Task, names: frozenset[str], trials: Sequence[Trial], before:
         residual = 10.0 * np.abs(base.residual)
     state = State(catalogue, solved[best], residual, float(cost[best]))
     law = state.laws[added] if added else ""
-    extra = _moving(state) - _moving(base)
+    extra = moving(state) - moving(base)
     return _Set(names, state, compare(base, state, added, law, task.split, task.rules, extra))
-
-
-def _moving(state: State) -> int:
-    return int(np.asarray(state.trial.active).sum())
 
 
 def _compared(task: _Task, before: _Set, after: _Set, name: str) -> Comparison:
     """Evidence for the mechanism by which one set goes beyond another."""
-    extra = _moving(after.state) - _moving(before.state)
+    extra = moving(after.state) - moving(before.state)
     return compare(before.state, after.state, name, after.state.laws[name], task.split, task.rules, extra)
 
 

@@ -180,6 +180,11 @@ def fit_leading(
     return go_on(setup, split, solved, cost, rest, before, lead, max_steps - FEW)
 
 
+def moving(state: State) -> int:
+    """How many parameters were fitted."""
+    return int(np.asarray(state.trial.active).sum())
+
+
 def at_rest(setup: Setup, split: Split, trials: Sequence[Trial], *, max_steps: int = 60) -> State:
     """The best of some trials of one problem, come to rest."""
     solved, cost, _ = solve_all(trials, split.train, setup.space, max_steps=max_steps, tolerance=TOLERANCE)
