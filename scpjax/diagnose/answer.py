@@ -11,7 +11,7 @@ from scpjax.diagnose.closure import Learned
 from scpjax.diagnose.expression import describe
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.locate import Binned, locate
-from scpjax.diagnose.outside import AT_NOISE, form_at_most, level
+from scpjax.diagnose.outside import AT_NOISE, balance_of, form_at_most, level
 from scpjax.diagnose.result import Closure, Diagnosis, Latent, Named, Scores, Verdict
 from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State, residual_on
@@ -44,7 +44,7 @@ def answer(
     every = estimates(final, problem.space, doubt)
     named = _named(choice, every)
     closure = describe(learned, every) if learned else None
-    subsystem = closure.subsystem if closure and not named else _subsystem(choice, lacking)
+    subsystem = _subsystem(choice, closure, lacking)
     verdict, says = _verdict(base, choice.state, state, parts, named, closure)
     model = " + ".join((setup.structure.name, *choice.state.names, *(["closure"] if learned else [])))
     return Diagnosis(
@@ -130,11 +130,15 @@ def _named(choice: Choice, every: Mapping) -> tuple[Named, ...]:
     return tuple(out)
 
 
-def _subsystem(choice: Choice, lacking: Sequence[Latent]) -> str:
-    """The balance of the mechanism that removes most; without one, that which best answers for the misfit."""
+def _subsystem(choice: Choice, closure: Closure | None, lacking: Sequence[Latent]) -> str:
+    """The balance of the mechanism that removes most; without one, that which best answers for the misfit, among those
+    that a closure, if one was learned, stands for.
+    """
     if choice.state.names:
         return choice.state.setup.structure.mechanism(choice.state.names[0]).subsystem
-    return lacking[0].subsystem
+    if closure is None:
+        return lacking[0].subsystem
+    return next((m.subsystem for m in lacking if balance_of(m.subsystem) == closure.subsystem), closure.subsystem)
 
 
 def _verdict(

@@ -38,6 +38,7 @@ class _Place:
     unit: str
     into: np.ndarray | None  # (states,) how the rates feel it
     output: int  # that it adds to directly, where ``into`` is None
+    times: np.ndarray | None = None  # (r, k) what it is a share of: the drive; None for what is added as it is
 
 
 def missing(setup: Setup, data: Data, trial: Trial, binned: Binned) -> tuple[Latent, ...]:
@@ -50,11 +51,11 @@ def missing(setup: Setup, data: Data, trial: Trial, binned: Binned) -> tuple[Lat
     imitated, _ = np.linalg.qr(jacobian[:, np.any(jacobian != 0, axis=0)])
     clean = lambda x: x - imitated @ (imitated.T @ x)  # noqa: E731
     target = clean(-residual)
-    out = [_estimate(setup, data, model, place, binned, target, clean) for place in _places(setup, model)]
+    out = [_estimate(setup, data, model, place, binned, target, clean) for place in _places(setup, data, model)]
     return tuple(sorted(out, key=lambda latent: -latent.evidence))
 
 
-def _places(setup: Setup, model: Model) -> list[_Place]:
+def _places(setup: Setup, data: Data, model: Model) -> list[_Place]:
     """Where something may be missing in this model."""
     s, b = setup.structure, model.balances()
     names, places = s.state_names, []
@@ -63,6 +64,10 @@ def _places(setup: Setup, model: Model) -> list[_Place]:
         unit = np.zeros(len(names))
         unit[i] = 1.0 / mass[i]
         places.append(_Place("thermoelectric", f"heat_{side}" if side else "heat", "W", unit, 0))
+        share = _by_bin(data, i)  # of the effort, that it lacks or has too much of
+        places.append(
+            _Place("drive", f"drive_{side}" if side else "drive", "1", np.asarray(model.linearise()[1])[:, i], 0, share)
+        )
     if s.mechanical:
         unit = np.zeros(len(names))
         unit[names.index("velocity")] = 1.0 / float(np.asarray(b.moving_mass))
@@ -76,6 +81,12 @@ def _places(setup: Setup, model: Model) -> list[_Place]:
             unit_name = "K" if output.startswith("temperature") else "rad" if output == "angle" else own
             places.append(_Place("sensor", f"{output} reading", unit_name, None, j))
     return places
+
+
+def _by_bin(data: Data, side: int) -> np.ndarray:
+    """Mean effort of a side in each bin (r, k)."""
+    effort = np.asarray(data.grids.effort)[:, :, 1, side]
+    return effort.reshape(len(effort), -1, data.bin).mean(axis=2)
 
 
 def data_norm(data: Data) -> np.ndarray:
@@ -93,13 +104,9 @@ def _estimate(
     count = np.asarray(data.at_start + data.at_end).reshape(r, k, data.bin, y).sum(axis=2)
     for i in range(r):
         width = float(np.asarray(data.grids.step)[i]) * data.bin
-        hat = _hat_response(model, place, width, gap[i], k, y)
         m = -(-bins[i] // gap[i]) + 1
         g = np.zeros((r, k, y, m))
-        for j in range(m):
-            at = (j - 1) * gap[i]  # the response array begins where the hat does, one gap before its peak
-            lo = max(at, 0)
-            g[i, lo:, :, j] = hat[lo - at : k - at]
+        g[i] = _hat_responses(model, place, width, gap[i], k, y, m, None if place.times is None else place.times[i])
         with np.errstate(divide="ignore"):
             scale = np.where(np.isfinite(data_norm(data)), count / data_norm(data), 0.0)
         g *= scale[..., None]
@@ -129,27 +136,30 @@ def _estimate(
     )
 
 
-def _hat_response(model: Model, place: _Place, width: float, gap: int, k: int, y: int) -> np.ndarray:
-    """Outputs (k + 2 gap, y) to a triangle of half-width ``gap`` bins that begins at 0 and peaks at 1."""
-    n = k + 2 * gap
-    hat = np.maximum(1.0 - np.abs(np.arange(n) - gap) / gap, 0.0)
-    out = np.zeros((n, y))
+def _hat_responses(
+    model: Model, place: _Place, width: float, gap: int, k: int, y: int, m: int, times: np.ndarray | None
+) -> np.ndarray:
+    """Outputs (k, y, m) to triangles of half-width ``gap`` bins that peak at 1, one at every ``gap``-th bin."""
+    hats = np.maximum(1.0 - np.abs(np.arange(k)[:, None] - gap * np.arange(m)) / gap, 0.0)
+    if times is not None:
+        hats = hats * times[:, None]
+    out = np.zeros((k, y, m))
     if place.into is None:
-        out[:, place.output] = hat
+        out[:, place.output] = hats
         return out
     a = np.asarray(model.linearise()[0])
     z = jnp.zeros(model.structure.n_states)
     c = np.asarray(jax.jacfwd(model.observe)(z, jnp.zeros(len(model.structure.sides))))
-    m = len(a)
+    n = len(a)
     # exact for an input that is linear over each bin: Franklin, Powell, Workman, Digital Control, section 4.3.2
-    big = np.zeros((m + 2, m + 2))
-    big[:m, :m], big[:m, m], big[m, m + 1] = a * width, place.into * width, 1.0
+    big = np.zeros((n + 2, n + 2))
+    big[:n, :n], big[:n, n], big[n, n + 1] = a * width, place.into * width, 1.0
     e = expm(big)
-    ad, slope = e[:m, :m], e[:m, m + 1]
-    step = e[:m, m] - slope
-    x = np.zeros(m)
-    for i in range(1, n):
-        x = ad @ x + step * hat[i - 1] + slope * hat[i]
+    ad, slope = e[:n, :n], e[:n, n + 1]
+    step = e[:n, n] - slope
+    x = np.zeros((n, m))
+    for i in range(1, k):
+        x = ad @ x + np.outer(step, hats[i - 1]) + np.outer(slope, hats[i])
         out[i] = c @ x
     return out
 

@@ -88,8 +88,7 @@ def locate(setup: Setup, b: Binned, subsystem: str, lacking: Sequence[Latent] = 
 
 
 def _dependence(b: Binned, worst: int, subsystem: str, lacking: Sequence[Latent]) -> tuple[tuple[str, float], ...]:
-    at = "thermoelectric" if subsystem == "drive" else subsystem
-    return next((latent.depends_on for latent in lacking if latent.subsystem == at), _depends(b, worst))
+    return next((latent.depends_on for latent in lacking if latent.subsystem == subsystem), _depends(b, worst))
 
 
 def _column_names(setup: Setup) -> list[str]:

@@ -15,7 +15,7 @@ from scpjax.diagnose.trials import State, misfit, without
 AT_NOISE = 1.15  # ratio of residual to noise, in some column, up to which nothing more is asked for
 _LITTLE_LEFT = 0.05  # of the held-out misfit in excess of the noise: what names may leave unsought
 _NEAR_NOISE = 4.0  # ratio of residual to noise, up to which what is left may be the form of a law
-_NEARLY = 0.8  # of the share of the misfit that the best balance can answer for: one that can do so too
+_BEHIND = 0.05  # of the misfit, by which a balance may answer for less than the best and be in question too
 _COMPLETE = 0.1  # of the misfit: what a closure alone may leave to be an explanation in place of names
 _FAR_BETTER = 0.5  # ratio of what it leaves to what the names leave, below which they are false
 
@@ -33,7 +33,7 @@ def _unexplained(state: State, there: np.ndarray) -> float:
 def able(lacking: Sequence[Latent]) -> tuple[str, ...]:
     """Balances and sensors that can answer for the misfit nearly as well as the best of them."""
     best = max(m.explained for m in lacking)
-    return tuple(dict.fromkeys(m.subsystem for m in lacking if m.explained > _NEARLY * best))
+    return tuple(dict.fromkeys(balance_of(m.subsystem) for m in lacking if m.explained > best - _BEHIND))
 
 
 def form_at_most(base: State, state: State, parts: Split) -> bool:
@@ -68,10 +68,14 @@ def beyond_names(
     return choice, learn(choice.state, parts, rules)
 
 
+def balance_of(subsystem: str) -> str:
+    """Where a closure can stand for what is missing there: what the drive lacks the heat balance lacks."""
+    return "thermoelectric" if subsystem == "drive" else subsystem
+
+
 def _correction(state: State, parts: Split, rules: Evidence) -> Learned | None:
     """What is learned in the balances of the named mechanisms."""
-    mine = (state.setup.structure.mechanism(n).subsystem for n in state.names)
-    return learn(state, parts, rules, ["thermoelectric" if m == "drive" else m for m in mine])
+    return learn(state, parts, rules, [balance_of(state.setup.structure.mechanism(n).subsystem) for n in state.names])
 
 
 def _corrected_rather_than_named(

@@ -20,7 +20,14 @@ _UNITS = {
     "drive": ("Drive", "as the model takes it", 1.0),
     "time": ("Time", "s", 1.0),
 }
-_SCALED = {"m": ("mm", 1e3), "W": ("W", 1.0), "N": ("N", 1.0), "K": ("K", 1.0), "rad": ("deg", 180 / np.pi)}
+_SCALED = {
+    "m": ("mm", 1e3),
+    "W": ("W", 1.0),
+    "N": ("N", 1.0),
+    "K": ("K", 1.0),
+    "rad": ("deg", 180 / np.pi),
+    "1": ("1", 1.0),
+}
 _MOST = 4  # recordings drawn
 
 
@@ -31,6 +38,9 @@ def _words(latent: Latent) -> str:
         "heat agonist": "Power missing, agonist",
         "heat antagonist": "Power missing, antagonist",
         "force": "Force missing",
+        "drive": "Share of the drive missing",
+        "drive agonist": "Share of the drive missing, agonist",
+        "drive antagonist": "Share of the drive missing, antagonist",
     }.get(place, f"Missing in the {place}")
 
 

@@ -96,6 +96,30 @@ def test_a_draught_is_found_in_the_heat_balance_when_it_blew():
     assert np.all(std > 0)
 
 
+OPEN = tuple((start, start + 2.5) for start in (17.0, 39.0, 64.0, 80.0, 103.0))  # [s]
+
+
+def unplugged(t: float, _temperature: float, _moved: float) -> float:
+    """All of the power is lost while a plug is open."""
+    volts = DRIVE[min(np.searchsorted(TIME, t, side="right") - 1, len(DRIVE) - 1)]
+    return float(any(a <= t < b for a, b in OPEN)) * volts**2 * BASE["joule_heating.gain"]
+
+
+def test_a_plug_that_opens_is_found_in_the_drive_when_it_was_open():
+    base, parts = base_of(recorded(unplugged))
+    _, found = lacking_in(base, parts)
+    best = found[0]
+    assert (best.subsystem, best.place, best.unit) == ("drive", "drive", "1")
+    assert best.evidence > max(m.evidence for m in found[1:]) + 10
+    (t,), (mean,) = best.time, best.mean
+    driven = np.interp(t, TIME, DRIVE) > 1.0
+    inside = driven & np.any([(t > a + 0.5) & (t < b - 0.5) for a, b in OPEN], axis=0)
+    outside = driven & np.all([(t < a - 2.0) | (t > b + 2.0) for a, b in OPEN], axis=0)
+    assert -1.5 < np.median(mean[inside]) < -0.75  # knots a second apart overshoot
+    assert np.median(np.abs(mean[outside])) < 0.2
+    assert able(found) == ("thermoelectric",)
+
+
 @cache
 def recorded_temperature() -> np.ndarray:
     return recorded(nothing).output("temperature") - AMBIENT
