@@ -38,9 +38,9 @@ def _words(latent: Latent) -> str:
         "heat agonist": "Power missing, agonist",
         "heat antagonist": "Power missing, antagonist",
         "force": "Force missing",
-        "drive": "Share of the drive missing",
-        "drive agonist": "Share of the drive missing, agonist",
-        "drive antagonist": "Share of the drive missing, antagonist",
+        "drive": "Share of the drive to be added",
+        "drive agonist": "Share of the drive to be added, agonist",
+        "drive antagonist": "Share of the drive to be added, antagonist",
     }.get(place, f"Missing in the {place}")
 
 

@@ -153,12 +153,13 @@ HOOK = lambda x, w: np.sqrt(x * x + w * w)  # noqa: E731
 
 
 def sagging(law):
-    drawn = lambda z, u: np.sqrt(u) / 10 if law == 0 else z[3]  # noqa: E731
+    drawn = lambda z, u: np.sqrt(u) / 10 if law in (0, 3) else z[3]  # noqa: E731
     left = lambda z, u: u * (1 - 0.4 * drawn(z, u)) ** 2  # noqa: E731
     fill = {
         0: lambda t, z, u: (np.sqrt(left(z, u)) / 10 - z[3]) / 2.0,
         1: lambda t, z, u: np.sqrt(left(z, u)) / 10 / 6.0,
         2: lambda t, z, u: (np.sqrt(left(z, u)) / 10 - z[3]) / 2.0,
+        3: lambda t, z, u: (np.sqrt(left(z, u)) / 10 - z[3]) / 2.0,
     }[law]
     return plant(power=lambda t, z, u: left(z, u) / R, own=(fill,))
 
@@ -238,7 +239,7 @@ def drifting_sensor(_law):
 
 
 TERMS = {
-    "supply_sag": (sagging, 3),
+    "supply_sag": (sagging, 4),
     "drive_dead_zone": (dead_zone, 2),
     "ambient_drift": (drifting_room, 3),
     "nonlinear_thermal_force": (bent_force, 4),

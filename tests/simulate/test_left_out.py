@@ -39,6 +39,20 @@ def test_crosstalk_is_its_equation_and_conserves_heat():
     np.testing.assert_allclose(balance["stored"], C_TH * found[-1].sum(), rtol=1e-2)
 
 
+def test_both_actuators_of_a_joint_draw_on_one_supply():
+    base = presets.aaa(PLANT, pulley_radius=0.015)
+    structure = extended(base.structure, "supply_sag")
+    laws = [3.0 * (m.name == "supply_sag") for m in structure.mechanisms]
+    model = Model(structure, laws=laws).replace(base.values() | {"supply_sag.sag": 0.4, "supply_sag.reference": 10.0})
+    volts = np.array([8.0, 3.0])
+    z = model.initial()
+    found = model.rates(z, jnp.asarray(volts**2))[:2]
+    np.testing.assert_allclose(found, (volts * (1 - 0.4 * 11.0 / 10)) ** 2 / R / C_TH, rtol=1e-6)
+    warm = model.initial(temperature=jnp.array([4.0, 1.0]))
+    asked = model.balances().holding([warm[i] for i in range(len(warm))], jnp.zeros(2))
+    np.testing.assert_allclose(model.rates(warm, asked)[:2], 0.0, atol=1e-9)
+
+
 def test_every_mechanism_vanishes_in_a_joint():
     base = presets.aaa(PLANT, pulley_radius=0.015)
     model = Model(extended(base.structure, *(m.name for m in left_out()))).replace(base.values())

@@ -16,7 +16,7 @@ class SupplySag(Mechanism):
     subsystem = "drive"
     equation = (
         "V_wire = V (1 - s q);  law load: q = |V|/V_ref;  law charge: dq/dt = |V_wire|/(V_ref t_ref);  "
-        "law polarisation: tau dq/dt = |V_wire|/V_ref - q"
+        "law polarisation: tau dq/dt = |V_wire|/V_ref - q;  law shared load: q = (|V| + |V_other|)/V_ref, in a joint"
     )
     source = (
         "load: source resistance before a smoothed PWM; charge and polarisation: Shepherd's battery equation, "
@@ -25,7 +25,8 @@ class SupplySag(Mechanism):
     says = "The battery gives fewer volts the more is drawn from it, so strong drives reach the wire weakened."
     needs = ("voltage",)
     excited_by = "strong and weak drives in one recording; long strong drives"
-    laws = ("load", "charge", "polarisation")
+    laws = ("load", "charge", "polarisation", "shared load")
+    law_needs: ClassVar[dict[int, tuple[str, ...]]] = {3: ("joint",)}
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {"time_constant": (2,)}
     states = ("drawn",)
     parameters = (
@@ -33,8 +34,8 @@ class SupplySag(Mechanism):
             name="sag",
             symbol="s",
             unit="1",
-            description="share of the volts that is lost at the greatest drive: at once (load), when it has lasted "
-            "long (polarisation), when it has lasted for the reference time (charge)",
+            description="share of the volts that is lost at the greatest drive: at once (load, shared load), when it "
+            "has lasted long (polarisation), when it has lasted for the reference time (charge)",
             typical=0.15,
             bounds=(0.003, 0.9),
             null=0.0,
@@ -79,15 +80,17 @@ class SupplySag(Mechanism):
         return jnp.sqrt(jnp.maximum(effort, 0.0) / p.reference**2 + 1e-12)
 
     def effort(self, p: Values, view: View, effort: Side) -> Side:
-        drawn = jnp.where(p.law == 0, self._asked(p, effort), view.own[0])
+        asked = self._asked(p, effort)
+        drawn = jnp.where(p.law == 0, asked, jnp.where(p.law == 3, jnp.sum(asked), view.own[0]))
         return effort * jnp.maximum(1.0 - p.sag * drawn, LEAST) ** 2
 
     def effort_for(self, p: Values, view: View, effort: Side) -> Side:
         # v (1 - s v) = w, solved for the smaller root; beyond the most that the supply can give, its turning point
         given = self._asked(p, effort)
+        given = jnp.where(p.law == 3, jnp.sum(given), given)
         share = 2.0 / (1.0 + jnp.sqrt(jnp.maximum(1.0 - 4.0 * p.sag * given, 1e-12)))
         later = 1.0 / jnp.maximum(1.0 - p.sag * view.own[0], LEAST)
-        return effort * jnp.where(p.law == 0, share, later) ** 2
+        return effort * jnp.where((p.law == 0) | (p.law == 3), share, later) ** 2
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
         given = self._asked(p, view.effort)
