@@ -14,6 +14,7 @@ from scpjax.cli.then import Earlier, Read, earlier, limits_of, probability_chang
 from scpjax.diagnose.profiles import Limits
 from scpjax.diagnose.result import Diagnosis
 from scpjax.fit.result import Estimate
+from scpjax.recordings.plausible import LOOK
 from scpjax.recordings.recording import Recording
 from scpjax.report.numbers import column, estimate, interval, number, percent, unit
 
@@ -39,6 +40,7 @@ def run_fit(arguments: Namespace) -> None:
         with staged(out) as folder:
             write_fit(found, folder, recordings=recordings, command=command_line(arguments.line))
     state = "converged" if found.converged else "NOT CONVERGED"
+    say_doubts(arguments, found.notes)
     say(arguments, f"{found.model.structure.name} model, {state}, {number(found.seconds, 2)} s")
     say_parameters(arguments, found.parameters)
     for name, score in found.scores.items():
@@ -108,6 +110,7 @@ def diagnose_into(
 
 def say_diagnosis(arguments: Namespace, d: Diagnosis) -> None:
     """Verdict, mechanisms, and errors on held-out data before and after."""
+    say_doubts(arguments, d.notes)
     say(arguments, f"{d.verdict.upper()}: {d.says}")
     for m in d.mechanisms:
         law = f" ({m.law})" if m.law else ""
@@ -123,6 +126,13 @@ def say_diagnosis(arguments: Namespace, d: Diagnosis) -> None:
         noise = number(d.base.noise.get(name, math.nan), 2)
         change = f"{number(before['rmse'])} → {number(after['rmse'])} {u}"
         say(arguments, f"  {words}: {change} (noise {noise} {u})")
+
+
+def say_doubts(arguments: Namespace, notes: Sequence[str]) -> None:
+    """Which columns to look at again before anything is believed."""
+    for note in notes:
+        if note.startswith(LOOK):
+            say(arguments, note)
 
 
 def say_parameters(arguments: Namespace, parameters: dict[str, Estimate]) -> None:

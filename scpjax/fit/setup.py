@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from scpjax.errors import FitError, ModelError
+from scpjax.fit.ambient import ambients
 from scpjax.fit.data import Data, pack
 from scpjax.fit.guess import Scales, guess_base
 from scpjax.fit.noise import noise_of
@@ -22,6 +23,7 @@ from scpjax.physics.mechanism import Mechanism
 from scpjax.physics.presets import structure as preset
 from scpjax.physics.presets import system_structure
 from scpjax.physics.structure import DriveKind, Structure
+from scpjax.recordings.plausible import doubts
 from scpjax.recordings.recording import Recording, check_informative
 from scpjax.simulate.drive import drive_kind, drive_values, effort
 
@@ -173,13 +175,14 @@ def prepare(
         check_informative(r)
     s = structure_for(recordings, model)
     s = s.with_mechanisms(*(m for m in extra if applicable(m, what_there_is(s, recordings))))
+    whole = recordings if s.system is None else ()  # columns of a base of the user's own may mean anything
     recordings, cut_notes = cut_long(recordings, s)
     if substeps is None:  # a band-limited drive bends within a sampling period
         substeps = 2 if any(r.hold == "band_limited" for r in recordings) else 1
         substeps *= s.system.substeps if s.system else 1
-    ambient, notes = _ambients(recordings, s)
-    known, known_notes = _known(recordings, s, fixed or {})
     sigma = noise_of(recordings, s)
+    ambient, notes = ambients(recordings, s, float(sigma[0]))
+    known, known_notes = _known(recordings, s, fixed or {})
     guesses, scales = guess_base(recordings, s, ambient, known)
     bin = bin or bin_of(recordings, scales, max_bins)
     data = pack(s, recordings, sigma, ambient=ambient, bin=bin, order=order, substeps=substeps, pad_to=pad_to)
@@ -192,7 +195,7 @@ def prepare(
     space = space_of(s, locals_, len(recordings), starts[0], scales, measured(s, recordings)[0], prior_strength)
     fixed_values = _held(s, scales, known, free_base, starts[0])
     active = np.concatenate([free_base, np.ones(space.size - len(free_base), bool)])
-    notes = cut_notes + notes + known_notes
+    notes = tuple(d for r in whole for d in doubts(r)) + cut_notes + notes + known_notes
     return Setup(s, recordings, data, space, fixed_values, active, tuple(starts), scales, tuple(known), notes)
 
 
@@ -231,24 +234,6 @@ def laws_that_can_act(setup: Setup, m: Mechanism) -> list[int]:
     """Which laws of a mechanism can act in this model and be seen by the sensors of these recordings."""
     have = what_there_is(setup.structure, setup.recordings)
     return [law for law in range(len(m.laws)) if applicable(m, have, law)]
-
-
-def _ambients(recordings: Sequence[Recording], s: Structure) -> tuple[list[float], tuple[str, ...]]:
-    """Ambient of each recording [K]: as told, else the first reading of a thermometer, else 293.15 K."""
-    out, notes = [], []
-    for r in recordings:
-        told = r.metadata.ambient_K
-        if told is None and s.thermal:
-            thermometers = [c.stem for c in r.output_channels if c.stem.startswith("temperature")]
-            if thermometers:
-                told = float(np.median(r.output(thermometers[0])[:5]))
-                notes.append(
-                    f"{r.metadata.name}: ambient not given; taken as the first reading, {told - 273.15:.2f} degC"
-                )
-        if told is None and s.drive == "temperature":
-            told = float(r.inputs[0, 0])
-        out.append(293.15 if told is None else told)
-    return out, tuple(notes)
 
 
 def _known(
