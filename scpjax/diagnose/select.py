@@ -264,8 +264,10 @@ def _is_better(a: State, b: State, split: Split, rules: Evidence) -> bool:
 
 
 def _prune(state: State, split: Split, rules: Evidence) -> State:
-    """Take out what a later mechanism has made superfluous."""
-    for name in state.names[:-1]:
+    """Take out what is not missed: what a later mechanism has made superfluous, and the last one where it only led the
+    others to a better fit.
+    """
+    for name in state.names:
         fewer = without(state, name, split)
         m = state.setup.structure.mechanism(name)
         extra = len(m.free_parameters(m.laws.index(state.laws[name])))

@@ -29,7 +29,7 @@ ACTIVE = {
     "ambient_drift": {"drift": 0.4, "time_constant": 1.5, "reference": 20.0, "reference_time": 6.0},
     "antagonist_load": {"strength": 0.7, "onset": 0.4, "length": 0.5, "reference": 0.0025},
     "creep": {"compliance": 0.3, "time_constant": 2.0, "slow_compliance": 0.2, "slow_ratio": 4.0},
-    "drive_dead_zone": {"threshold": 0.3, "reference": 10.0},
+    "drive_dead_zone": {"threshold": 0.3, "sharpness": 5.0, "reference": 10.0},
     "fatigue": {
         "loss": 0.8,
         "most": 0.6,

@@ -168,7 +168,7 @@ def dead_zone(law):
     def reaching(t, z, u):
         v = np.sqrt(u)
         if law == 1:
-            return u / (1 + (3.0 / v) ** 16) / R if v > 0 else 0.0
+            return u / (1 + (3.0 / v) ** 10) / R if v > 0 else 0.0
         return (v - (HOOK(v + 3, 0.3) - HOOK(v - 3, 0.3)) / 2) ** 2 / R
 
     return plant(power=reaching)

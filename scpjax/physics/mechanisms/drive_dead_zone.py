@@ -1,5 +1,8 @@
 """A drive stage through which small drives do not come."""
 
+from typing import ClassVar
+
+import jax
 import jax.numpy as jnp
 
 from scpjax.parameter import Parameter
@@ -7,7 +10,7 @@ from scpjax.physics.mechanism import Mechanism, Side, Values, View
 from scpjax.physics.smooth import clipped, root
 
 ROUND = 0.1  # of the threshold: the width of the corner under law threshold
-TOP = 100.0  # greatest (V_0/V)^2 that need be told from infinity
+LEAST = 1e-6  # of the greatest drive squared, that is told from none under law gate
 
 
 class DriveDeadZone(Mechanism):
@@ -16,7 +19,7 @@ class DriveDeadZone(Mechanism):
     subsystem = "drive"
     equation = (
         "law threshold: V_wire = max(|V| - V_0, 0), corner rounded over V_0/10;  "
-        "law gate: V_wire = V / sqrt(1 + (V_0/V)^16): V above V_0, nothing below"
+        "law gate: V_wire = V / sqrt(1 + (V_0/V)^(2 n)): V well above V_0, nothing well below"
     )
     source = (
         "dead zone of an actuator: Tao, Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities "
@@ -26,6 +29,7 @@ class DriveDeadZone(Mechanism):
     needs = ("electric",)
     excited_by = "small drives beside large ones"
     laws = ("threshold", "gate")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"sharpness": (1,)}
     parameters = (
         Parameter(
             name="threshold",
@@ -38,6 +42,16 @@ class DriveDeadZone(Mechanism):
             spread=1.5,
         ),
         Parameter(
+            name="sharpness",
+            symbol="n",
+            unit="1",
+            description="how sharply the gate opens (law gate)",
+            typical=8.0,
+            bounds=(1.5, 80.0),
+            null=8.0,
+            spread=1.0,
+        ),
+        Parameter(
             name="reference",
             symbol="V_ref",
             unit="V",
@@ -48,16 +62,15 @@ class DriveDeadZone(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.1, 0.0), (0.35, 0.0))
+    starts = ((0.1, 8.0, 0.0), (0.35, 8.0, 0.0))
 
     def effort(self, p: Values, view: View, effort: Side) -> Side:
         limit = p.threshold * p.reference
         volts = root(jnp.maximum(effort, 0.0))  # what a dead time shifts may fall short of 0 by rounding
         passed = 1.0 - clipped(volts, limit, ROUND * limit) / volts
-        odds = jnp.minimum(limit**2 / (effort + 1e-6 * p.reference**2), TOP)
-        for _ in range(3):
-            odds = odds * odds
-        return effort * jnp.where(p.law == 0, passed * passed, 1.0 / (1.0 + odds))
+        relative = (volts * volts + LEAST * p.reference**2) / (limit * limit + 1e-30)
+        gate = jax.nn.sigmoid(p.sharpness * jnp.log(relative))
+        return effort * jnp.where(p.law == 0, passed * passed, gate)
 
     def effort_for(self, p: Values, view: View, effort: Side) -> Side:
         limit = p.threshold * p.reference
