@@ -14,6 +14,7 @@ from typing import Any
 import scpjax
 from scpjax.cli.inputs import read_files
 from scpjax.cli.program import Progress, check_folder, progress, say, staged, start
+from scpjax.cli.study import say_doubts
 from scpjax.errors import FitError, RecordingError, ScpjaxError
 from scpjax.recordings.recording import Recording
 
@@ -127,6 +128,8 @@ def _diagnose_all(job: _Job) -> None:
             write_fleet_diagnosis(every, found, odd, folder, command=command_line(job.arguments.line))
     if kept:
         say(job.arguments, f"{kept} actuators had been diagnosed before and were not diagnosed again")
+    for member in members.values():
+        say_doubts(job.arguments, member.content["notes"] if member.content else ())
     for sentence in summary(every, found):
         say(job.arguments, sentence)
     for o in odd:
