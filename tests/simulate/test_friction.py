@@ -83,3 +83,19 @@ def test_strong_friction_does_not_blow_up():
         z = rubbing(recording, strength)
         assert np.all(np.isfinite(z))
         assert np.max(np.abs(z[:, 1])) < 1.5 * np.max(0.022 * z[:, 0]) / K
+
+
+def test_a_contact_that_gives_before_it_slips_is_duhems_hysteresis():
+    """The same equation under two names; hysteresis is held against scipy elsewhere."""
+    recording = multilevel(hold_s=1.0)
+    found = []
+    for name, law, own in (
+        ("friction", 2, {"strength": 0.2, "presliding": 0.1, "reference": 0.0025}),
+        ("hysteresis", 1, {"strength": 2.0, "width": 0.1, "reference": 0.0025}),
+    ):
+        model = with_active(extended(PLANT.structure, name), name, law)
+        model = model.replace({f"{name}.{k}": v for k, v in own.items()})
+        found.append(simulate(model, recording, method=Exponential(substeps=4)))
+    np.testing.assert_allclose(found[0].states[:, :4], found[1].states[:, :4], rtol=1e-9, atol=1e-12)
+    free = simulate(PLANT, recording).outputs[:, 1]
+    assert np.max(np.abs(found[0].outputs[:, 1] - free)) > 0.05 * np.ptp(free)

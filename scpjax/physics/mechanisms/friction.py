@@ -8,6 +8,7 @@ from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
 CORNER = 0.1  # makes s(u) tanh(u) to within 0.05
+OVER = 1.05  # |z| stays below 1 but for the integrator's overshoot, which is cut off here
 FASTER = 10.0  # velocity, in velocity scales, at which half of the extra friction at rest is gone
 
 
@@ -17,17 +18,23 @@ class Friction(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "F = -F_c s(v/v_s), F_c = f k x_ref, v_s = x_ref/t_s, and s, nearly tanh, by u = s + 0.1 s |s|/(1 - |s|);  "
-        "law Stribeck: F_c (1 + b / (1 + (v/(10 v_s))^2))"
+        "law Stribeck: F_c (1 + b / (1 + (v/(10 v_s))^2));  law Dahl: F = -F_c z, dz/dt = (v - |v| z)/(w x_ref)"
     )
     source = (
         "Coulomb and Stribeck friction: Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083; "
-        "taken at the velocity of the end of a step: Kikuuwe et al., IEEE Trans. Robot. 22 (2006) 1176"
+        "taken at the velocity of the end of a step: Kikuuwe et al., IEEE Trans. Robot. 22 (2006) 1176; a contact that "
+        "gives before it slips: Dahl, Aerospace Corp. TOR-0158 (1968), which is Duhem's hysteresis"
     )
     says = "The load sticks until the pull exceeds the friction, then slides: it always lags behind."
     needs = ("mechanical",)
     excited_by = "slow reversals"
-    laws = ("Coulomb", "Stribeck")
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"static": (1,)}
+    laws = ("Coulomb", "Stribeck", "Dahl")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {
+        "velocity_time": (0, 1),
+        "static": (1,),
+        "presliding": (2,),
+    }
+    states = ("presliding_stretch",)
     parameters = (
         Parameter(
             name="strength",
@@ -61,6 +68,17 @@ class Friction(Mechanism):
             spread=1.0,
         ),
         Parameter(
+            name="presliding",
+            symbol="w",
+            unit="1",
+            description="displacement over which the contact gives before it slips, as a share of the reference "
+            "displacement (law Dahl)",
+            typical=0.03,
+            bounds=(0.001, 1.0),
+            null=0.03,
+            spread=1.5,
+        ),
+        Parameter(
             name="reference",
             symbol="x_ref",
             unit="m",
@@ -71,7 +89,20 @@ class Friction(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.05, 30.0, 0.3, 0.0), (0.2, 30.0, 0.3, 0.0))
+    starts = ((0.05, 30.0, 0.3, 0.03, 0.0), (0.2, 30.0, 0.3, 0.1, 0.0))
+
+    def force(self, p: Values, view: View) -> Side:
+        given = p.strength * view.shared["stiffness"] * p.reference * jnp.clip(view.own[0], -OVER, OVER)
+        return jnp.where(p.law == 2, -given, 0.0)
+
+    def rates(self, p: Values, view: View) -> tuple[Side, ...]:
+        rate = view.velocity / (p.presliding * p.reference)
+        # under other laws, and left out, the contact rests: a step might be too long for it
+        gives = (p.law == 2) & (p.strength > 0)
+        return (jnp.where(gives, rate - jnp.abs(rate) * jnp.clip(view.own[0], -OVER, OVER), 0.0),)
+
+    def initial(self, p: Values, view: View) -> tuple[Side, ...]:
+        return (jnp.zeros_like(view.displacement),)
 
     def resistance(self, p: Values, view: View, force: Side) -> Side:
         """At the velocity u of a step's end, as if ``m (u - v)/step = force - damping (u - v)/2 + friction(u)``.
@@ -82,7 +113,7 @@ class Friction(Mechanism):
         """
         step, still = view.step, jnp.ones_like(view.velocity)
         slow = p.reference / p.velocity_time
-        dry = p.strength * view.shared["stiffness"] * p.reference
+        dry = jnp.where(p.law == 2, 0.0, p.strength * view.shared["stiffness"] * p.reference)
         past = view.velocity / (FASTER * slow)
         dry = jnp.where(p.law == 1, dry * (1.0 + p.static / (1.0 + past * past)), dry)
         damping, stiffness = (jnp.sum(view.shared[name] * still) for name in ("damping", "stiffness"))
