@@ -21,6 +21,8 @@ from scpjax.fit.fit import final_model, noise_by_column, refine, scores, traces
 from scpjax.fit.identifiability import estimates, uncertainty
 from scpjax.fit.problem import Trial
 
+_MOST = 0.5  # held-out gain from which a closure says where the misfit lies
+
 
 def answer(
     parts: Split,
@@ -132,11 +134,11 @@ def _named(choice: Choice, every: Mapping) -> tuple[Named, ...]:
 
 def _subsystem(choice: Choice, closure: Closure | None, lacking: Sequence[Latent]) -> str:
     """The balance of the mechanism that removes most; without one, that which best answers for the misfit, among those
-    that a closure, if one was learned, stands for.
+    that a closure stands for, if one was learned that explains most of it.
     """
     if choice.state.names:
         return choice.state.setup.structure.mechanism(choice.state.names[0]).subsystem
-    if closure is None:
+    if closure is None or closure.held_out_gain < _MOST:
         return lacking[0].subsystem
     return next((m.subsystem for m in lacking if balance_of(m.subsystem) == closure.subsystem), closure.subsystem)
 

@@ -26,6 +26,7 @@ from scpjax.fit.setup import Setup
 from scpjax.fit.solve import evaluate, stack
 from scpjax.physics.model import Model
 
+_READING = 0.99  # of its evidence, that counts for a reading beside a balance
 _KNOTS = 90  # per recording
 _LENGTHS = (0.25, 0.1, 0.04, 0.015)  # correlation lengths tried, as shares of the longest recording
 _SIZES = np.logspace(-3, 3, 25)  # amplitudes tried, relative to what makes one standard deviation of misfit
@@ -42,7 +43,7 @@ class _Place:
 
 
 def missing(setup: Setup, data: Data, trial: Trial, binned: Binned) -> tuple[Latent, ...]:
-    """Estimates for every balance and sensor, best evidence first."""
+    """Estimates for every balance and sensor, best evidence first; a balance before a reading that is hardly better."""
     model, _ = unpack(trial.free, trial, setup.space)
     here = evaluate(stack([trial]), data, setup.space)
     rows = binned.there.ravel()
@@ -52,7 +53,8 @@ def missing(setup: Setup, data: Data, trial: Trial, binned: Binned) -> tuple[Lat
     clean = lambda x: x - imitated @ (imitated.T @ x)  # noqa: E731
     target = clean(-residual)
     out = [_estimate(setup, data, model, place, binned, target, clean) for place in _places(setup, data, model)]
-    return tuple(sorted(out, key=lambda latent: -latent.evidence))
+    # an error of a reading can imitate whatever shows in it, so it has to answer for the misfit better than a balance
+    return tuple(sorted(out, key=lambda m: -m.evidence * (_READING if m.subsystem == "sensor" else 1.0)))
 
 
 def _places(setup: Setup, data: Data, model: Model) -> list[_Place]:
