@@ -228,7 +228,9 @@ def choose(
                 leader = b
         if leader.ended or at_noise(leader.state, split):
             break
-        branches = [leader, *(b for b in further if b is not leader and not b.ended)][:_WAYS]
+        # the same names reached by another way are no way of their own
+        others = (b for b in further if not b.ended and set(b.state.names) != set(leader.state.names))
+        branches = [leader, *others][:_WAYS]
     names = leader.state.names
     chance = {n: leader.chance[n] for n in names}
     return Choice(leader.state, leader.ranking, chance, {n: leader.equivalents.get(n, ()) for n in names})

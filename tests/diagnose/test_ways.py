@@ -1,0 +1,125 @@
+"""How the selection goes: which hypotheses it fits, which ways it follows, what it takes back. The fits are played."""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from scpjax.diagnose import outside, screen, select
+from scpjax.diagnose.select import Choice, Comparison, Evidence
+
+
+@dataclass(frozen=True)
+class Played:
+    """A hypothesis by its names, and the misfit (in units of the noise squared) that is told of it."""
+
+    names: tuple[str, ...]
+    cost: float
+
+
+def played(monkeypatch, misfits: dict[str, float]) -> list[tuple[str, ...]]:
+    """Plays a selection in which names, in the order of the alphabet, leave these misfits; what was gone on from."""
+    asked: list[tuple[str, ...]] = []
+
+    def with_one_more(state, split, rules, catalogue, *, max_steps, tell):
+        asked.append(state.names)
+        found = []
+        for name in "abcd":
+            after = "".join(sorted({*state.names, name}))
+            if name in state.names or after not in misfits:
+                continue
+            now = Played((*state.names, name), misfits[after])
+            fall = state.cost - now.cost
+            found.append(Comparison(now, name, "", fall, 0.5, fall, 0.5, fall > 12))
+        return sorted(found, key=lambda c: -c.delta_bic)
+
+    monkeypatch.setattr(select, "try_all", with_one_more)
+    monkeypatch.setattr(select, "afresh", lambda state, split: state)
+    monkeypatch.setattr(select, "_other_laws", lambda state, name, split, rules: state)
+    monkeypatch.setattr(select, "_prune", lambda state, split, rules: state)
+    monkeypatch.setattr(select, "equals", lambda best, others, before, split: ())
+    monkeypatch.setattr(select, "worthwhile", lambda *_: True)
+    monkeypatch.setattr(select, "at_noise", lambda state, split: state.cost <= 1)
+    monkeypatch.setattr(select, "_is_better", lambda a, b, split, rules: a.cost < b.cost)
+    return asked
+
+
+def chosen(misfit: float = 1000.0) -> set[str]:
+    return set(select.choose(Played((), misfit), None, Evidence(), None).state.names)  # type: ignore[arg-type]
+
+
+def test_where_two_are_close_the_next_round_decides(monkeypatch):
+    """``a`` is a little ahead at first, but only with ``b`` is the noise reached."""
+    asked = played(monkeypatch, {"a": 500.0, "b": 510.0, "ac": 300.0, "bc": 1.0})
+    assert chosen() == {"b", "c"}
+    assert set(asked) == {(), ("a",), ("b",)}
+
+
+def test_where_one_is_far_ahead_only_it_is_followed(monkeypatch):
+    asked = played(monkeypatch, {"a": 500.0, "b": 530.0, "ac": 300.0, "bc": 1.0})
+    assert chosen() == {"a", "c"}
+    assert ("b",) not in asked
+
+
+def test_what_reaches_the_noise_ends_it_however_close_another_is(monkeypatch):
+    asked = played(monkeypatch, {"a": 1.0, "b": 1.5, "bc": 0.5})
+    assert chosen() == {"a"}
+    assert asked == [()]
+
+
+def test_the_same_names_by_two_ways_are_gone_on_from_once(monkeypatch):
+    asked = played(monkeypatch, {"a": 500.0, "b": 505.0, "ab": 200.0, "abc": 1.0})
+    assert chosen() == {"a", "b", "c"}
+    assert [set(names) for names in asked].count({"a", "b"}) == 1
+
+
+def test_what_only_led_the_others_to_a_better_fit_is_taken_out(monkeypatch):
+    """``b`` was added, and without it the rest fits as well from where it stands now."""
+    mechanism = SimpleNamespace(laws=("",), free_parameters=lambda law: (0,))
+    setup = SimpleNamespace(structure=SimpleNamespace(mechanism=lambda name: mechanism))
+
+    def state(names):
+        return SimpleNamespace(names=names, setup=setup, laws=dict.fromkeys(names, ""))
+
+    monkeypatch.setattr(select, "without", lambda s, name, split: state(tuple(n for n in s.names if n != name)))
+    missed = lambda fewer, s, name, *_: SimpleNamespace(accepted=name != "b")  # noqa: E731
+    monkeypatch.setattr(select, "compare", missed)
+    assert select._prune(state(("a", "b")), None, Evidence()).names == ("a",)  # type: ignore[arg-type]
+    assert select._prune(state(("a", "c")), None, Evidence()).names == ("a", "c")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("taken", "fitted"), [(0.9, 5), (0.3, 10)])
+def test_twice_as_many_are_fitted_where_none_explains_much(monkeypatch, taken, fitted):
+    tried = []
+    state = SimpleNamespace(names=(), cost=10_100.0, setup=None)
+    split = SimpleNamespace(is_train=np.ones(100, bool), train=None)
+    promises = [SimpleNamespace(mechanism=SimpleNamespace(name=f"m{i}"), gain=100.0 - i) for i in range(14)]
+    problem = SimpleNamespace(space=None)
+    monkeypatch.setattr(screen, "grown", lambda setup, m: tried.append(m.name) or problem)
+    monkeypatch.setattr(screen, "starts_with", lambda *_: [])
+    monkeypatch.setattr(screen, "_best_starts", lambda promise: [])
+    monkeypatch.setattr(screen, "solve_all", lambda *_, **__: ([], np.array([10_100.0 - taken * 10_000.0]), None))
+    monkeypatch.setattr(screen, "go_on", lambda problem, split, solved, cost, *_: (solved, cost))
+    monkeypatch.setattr(screen, "_by_law", lambda *_: {})
+    screen.fit_promising(state, split, promises, None, 40, lambda text: None)  # type: ignore[arg-type]
+    assert tried == [f"m{i}" for i in range(fitted)]
+
+
+@pytest.mark.parametrize(("after", "kept"), [(110.0, ("a",)), (300.0, ("a", "b"))])
+def test_a_small_last_name_gives_way_to_a_correction_that_does_better(monkeypatch, after, kept):
+    def state(names, left):
+        return SimpleNamespace(names=names, left=left)
+
+    both, one, corrected = state(("a", "b"), 200.0), state(("a",), 250.0), state(("a",), after)
+    monkeypatch.setattr(outside, "_unexplained", lambda s, there: s.left)
+    monkeypatch.setattr(outside, "without", lambda s, name, split: one if name == "b" else None)
+    monkeypatch.setattr(outside, "form_at_most", lambda base, s, parts: True)
+    monkeypatch.setattr(outside, "level", lambda s, parts: 2.0)
+    monkeypatch.setattr(outside, "_correction", lambda s, parts, rules: SimpleNamespace(state=corrected))
+    parts = SimpleNamespace(is_held=None)
+    choice = Choice(both, (), {"a": 0.9, "b": 0.8}, {"a": (), "b": ("c",)})  # type: ignore[arg-type]
+    found, learned = outside._corrected_rather_than_named(parts, one, choice, Evidence())  # type: ignore[arg-type]
+    assert found.state.names == kept
+    assert set(found.probability) == set(found.equivalents) == set(kept)
+    assert (learned is not None) == (kept == ("a",))
