@@ -217,7 +217,7 @@ def characterise(
     *,
     tell: Callable[[str, float], None] | None = None,
 ) -> list[Recording]:
-    """Record the experiments into a folder: one for each weight, which is changed by hand (`Wiring.known` says it)."""
+    """Record steps, a stair and levels into a folder, under the one weight that hangs there (`Wiring.known`)."""
     runs: list[tuple[str, str, Excite]] = []
     base = Excite(duration=options.duration, period=options.period, seed=options.seed)
     for level in options.levels:

@@ -136,7 +136,7 @@ def _characterise(places: Any, command: Command) -> None:
         "characterise",
         ("rig", "run_characterise"),
         "record steps, stairs and levels, and fit a model to them",
-        "As thesis 4.1 to 4.3. Writes recordings/*.csv, model.json, fit.json, figures and report.html.",
+        "Thesis 4.1, 4.3, under one weight. Writes recordings/*.csv, model.json, fit.json, figures and report.html.",
     )
     parser.add_argument("--levels", metavar="V,V", default="2,3", help="of the steps (default: %(default)s)")
     parser.add_argument("--mass", metavar="KG", type=float, help="that hangs on the actuator, known (thesis 4.2)")
