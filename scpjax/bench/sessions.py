@@ -16,6 +16,7 @@ from scpjax.bench.errors import BenchError
 from scpjax.bench.messages import Calibration, Sample
 from scpjax.bench.play import Watch, play, profile
 from scpjax.bench.rig import Rig
+from scpjax.bench.weights import Hung, Stiffness, check_weights, stand, stiffness
 from scpjax.bench.wiring import Wiring
 from scpjax.recordings import excitation
 from scpjax.recordings.excitation import Signal
@@ -162,8 +163,7 @@ def calibrate(rig: Rig, *, pulse: float = 1.5, resistance: bool = True) -> Calib
     if resistance and w.sensing.fitted:
         ohms = [float(np.median([rig.resistance(i) for _ in range(9)])) for i in range(w.sides)]
         if all(0.05 < r < 0.98 * w.sensing.resistance(4092) for r in ohms):
-            known = {**dict(w.known), "resistance_ohm": round(float(np.mean(ohms)), 4)}
-            w = replace(w, known=tuple(known.items()))
+            w = with_known(w, resistance_ohm=round(float(np.mean(ohms)), 4))
             says.append(f"wire resistance: {', '.join(f'{r:.3f}' for r in ohms)} ohm")
         else:
             w = replace(w, sensing=replace(w.sensing, fitted=False))
@@ -202,12 +202,28 @@ def _dead_time(rig: Rig, volts: float) -> str:
 @dataclass(frozen=True, kw_only=True)
 class Characterise:
     """The experiments that lead to a model: steps to levels and a stair (thesis 4.1.2, 4.2.1), then a multilevel signal
-    (3.3.3), each from rest; ``duration`` [s] of each, ``levels`` [V]."""
+    (3.3.3), each from rest; ``duration`` [s] of each, ``levels`` [V].
+
+    With ``weights`` [kg] these hang one after another: under each it is read where the actuator stands, cold, and how
+    far a step to the top level lifts it (Figure 4.8, Table 4.5); the other experiments are made under the last.
+    """
 
     duration: float = 60.0
     levels: tuple[float, ...] = (2.0, 3.0)
     period: float = 0.1
     seed: int = 0
+    weights: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Characterised:
+    """``recordings`` to fit; of a series of weights also what it says, and ``steps`` under the weights before the last,
+    which no fit has seen."""
+
+    recordings: list[Recording]
+    series: tuple[Hung, ...] = ()
+    stiffness: Stiffness | None = None
+    steps: tuple[Recording, ...] = ()
 
 
 def characterise(
@@ -215,23 +231,69 @@ def characterise(
     folder: Path,
     options: Characterise,
     *,
+    hang: Callable[[float], None] | None = None,
     tell: Callable[[str, float], None] | None = None,
-) -> list[Recording]:
-    """Record steps, a stair and levels into a folder, under the one weight that hangs there (`Wiring.known`)."""
-    runs: list[tuple[str, str, Excite]] = []
+) -> Characterised:
+    """Record steps, a stair and levels into a folder: under the weight that hangs there (`Wiring.known`), or under a
+    series of weights, each of which ``hang`` puts on before it returns.
+
+    Of a series the rig's wiring keeps the last weight, the stiffness and the zero there as its own.
+
+    **Raises** `BenchError` for a series that gives no stiffness, and as `Rig` does.
+    """
     base = Excite(duration=options.duration, period=options.period, seed=options.seed)
-    for level in options.levels:
-        runs.append((f"step_{level:g}V", "step_difference", replace(base, high=level)))
     top = max(options.levels)
-    runs.append(("stair", "stair", replace(base, high=top, duration=2 * options.duration)))
-    runs.append(("multilevel", "multilevel", replace(base, high=top, duration=2 * options.duration)))
-    out = []
-    for i, (name, kind, excite) in enumerate(runs):
+    last = [(f"step_{v:g}V", "step_difference", replace(base, high=v)) for v in options.levels]
+    twice = replace(base, high=top, duration=2 * options.duration)
+    last += [("stair", "stair", twice), ("multilevel", "multilevel", twice)]
+    runs = max(len(options.weights) - 1, 0) + len(last)
+
+    def run(i: int, path: Path, kind: str, excite: Excite) -> Recording:
         if tell is not None:
-            tell(f"{name}: resting", i / len(runs))
-        rest(rig)
-        if tell is not None:
-            tell(name, i / len(runs))
+            tell(path.stem, i / runs)
         time, volts = excite.make(kind, rig.wiring.sides)
-        out.append(record_profile(rig, folder / f"{i}_{name}.csv", time, volts, title=f"{kind} to {excite.high:g} V"))
-    return out
+        return record_profile(rig, path, time, volts, title=f"{kind} to {excite.high:g} V")
+
+    series, steps, found = list[Hung](), list[Recording](), None
+    if options.weights:
+        check_weights(options.weights)
+        if rig.wiring.sides != 1 or hang is None:
+            raise BenchError("a series of weights hangs on one actuator", where="--weights", mend="use --actuators 1")
+        law = rig.wiring.position
+        for i, mass in enumerate(options.weights):
+            hang(mass)
+            if tell is not None:
+                tell(f"{mass:g} kg: resting", i / runs)
+            rest(rig)
+            seen = stand(rig)
+            series.append(Hung(mass, law.value(seen.counts), seen.error))
+            w = replace(rig.wiring, position=replace(law, zero=round(seen.counts, 3)))
+            rig.wiring = with_known(w, moving_mass_kg=mass)
+            if i < len(options.weights) - 1:
+                path = folder.parent / "weights" / f"{i}_{mass:g}kg_step_{top:g}V.csv"
+                steps.append(run(i, path, "step_difference", replace(base, high=top)))
+                series[-1] = replace(series[-1], lift=_lift(steps[-1]), volts=top)
+        found = stiffness(series)
+        rig.wiring = with_known(rig.wiring, stiffness_N_per_m=float(f"{found.value:.5g}"))
+    out = []
+    for i, (name, kind, excite) in enumerate(last):
+        if tell is not None:
+            tell(f"{name}: resting", (len(steps) + i) / runs)
+        rest(rig)
+        out.append(run(len(steps) + i, folder / f"{i}_{name}.csv", kind, excite))
+    if series:
+        at = options.levels.index(top)
+        series[-1] = replace(series[-1], lift=_lift(out[at]), volts=top)
+    return Characterised(out, tuple(series), found, tuple(steps))
+
+
+def with_known(wiring: Wiring, **values: float) -> Wiring:
+    """The wiring with more that is known of the actuator."""
+    return replace(wiring, known=tuple({**dict(wiring.known), **values}.items()))
+
+
+def _lift(recording: Recording) -> float:
+    """Highest displacement [m] above the start, over the noise: means of five samples."""
+    moved = recording.output("displacement")
+    smooth = np.convolve(moved, np.ones(5) / 5, mode="valid")
+    return float(np.max(smooth) - np.mean(moved[:10]))

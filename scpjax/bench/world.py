@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.constants import g
 
 from scpjax.bench.errors import BenchError
 from scpjax.bench.guard import Inputs
@@ -75,18 +76,27 @@ class Muscle(World):
     """
 
     def __init__(self, plant: Any, wiring: Wiring, *, noise: Noise | None = None, seed: int = 0):
-        import jax
-        import jax.numpy as jnp
-        from jax.flatten_util import ravel_pytree
-
         if plant.sides != wiring.sides:
             raise BenchError(f"a plant with {plant.sides} drives on a bench with {wiring.sides}", mend="change sides")
         self.wiring, self.noise = wiring, noise or Noise()
         self.noise_V = self.noise.volts
+        self._plant = plant
+        self._z, self._seen = self._behind(plant, 0.0)
+        ohms = [_resistance(m) for m in plant.models()]
+        self._resistance = ohms if len(ohms) == wiring.sides else ohms[:1] * wiring.sides
+        self._rng = np.random.default_rng(seed)
+        self._duty = (0.0, 0.0)
+        self.hottest = float(np.max(self.temperature))
+        self.energy = np.zeros(wiring.sides)
+
+    def _behind(self, plant: Any, load: float) -> tuple[Any, np.ndarray]:
+        """Make the ticks of a plant under a load [N]; its first state and what is seen of it."""
+        import jax
+        import jax.numpy as jnp
+        from jax.flatten_util import ravel_pytree
+
         ready = plant.prepare(TICK_S)
         first, unravel = ravel_pytree(ready.initial)
-        gains = [1.0 / _resistance(m) for m in plant.models()]
-        self._resistance = [1 / g for g in gains] if len(gains) == wiring.sides else [1 / gains[0]] * wiring.sides
         heated = _heated(plant)
 
         def read(state: Any) -> Any:
@@ -94,16 +104,24 @@ class Muscle(World):
             return jnp.concatenate([jnp.stack([seen.position, *seen.temperature]), jnp.stack(heated(state))])
 
         def pass_tick(z: Any, effort: Any) -> tuple[Any, Any]:
-            state = ready.advance(unravel(z), tuple(effort[i] for i in range(plant.sides)), 0.0)
+            state = ready.advance(unravel(z), tuple(effort[i] for i in range(plant.sides)), load)
             return ravel_pytree(state)[0], read(state)
 
         self._pass = jax.jit(pass_tick)
-        self._z = first
-        self._seen = np.asarray(jax.jit(lambda z: read(unravel(z)))(first))
-        self._rng = np.random.default_rng(seed)
-        self._duty = (0.0, 0.0)
-        self.hottest = float(np.max(self.temperature))
-        self.energy = np.zeros(wiring.sides)
+        return first, np.asarray(jax.jit(lambda z: read(unravel(z)))(first))
+
+    def hang(self, mass: float) -> None:
+        """Take the weight off and hang another of ``mass`` [kg] on: it moves with it, and draws it out or lets it up.
+
+        **Raises** `BenchError` for two actuators, and a mass that is not positive.
+        """
+        if self.wiring.sides != 1:
+            raise BenchError("a weight is changed on one actuator", mend="use a bench of one")
+        if not 0 < mass < math.inf:
+            raise BenchError(f"{mass:g} kg is no weight", mend="give kilograms above 0")
+        model = self._plant.agonist
+        load = (model.value("inertia.mass") - mass) * g
+        self._behind(type(self._plant)(model.replace({"inertia.mass": mass}), radius=None), float(load))
 
     @property
     def position(self) -> float:

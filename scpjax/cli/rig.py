@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
+import sys
+import threading
 from argparse import Namespace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,14 +16,24 @@ from scpjax.bench import legacy
 from scpjax.bench.device import PortDevice, find_port
 from scpjax.bench.errors import BenchError
 from scpjax.bench.play import Followed, follow
-from scpjax.bench.sessions import Characterise, Excite, calibrate, characterise, record_profile, rest
+from scpjax.bench.sessions import (
+    Characterise,
+    Characterised,
+    Excite,
+    calibrate,
+    characterise,
+    record_profile,
+    rest,
+    with_known,
+)
+from scpjax.bench.weights import check_weights
 from scpjax.bench.wiring import Wiring, save_wiring
 from scpjax.cli.program import check_file, check_folder, progress, say, start
 from scpjax.cli.rig_bench import Bench, bench, ticks_of, watcher
 from scpjax.cli.simulate import csv_text
 from scpjax.recordings.files import read_recording, write_recording, write_text
 from scpjax.recordings.recording import Recording
-from scpjax.report.numbers import number
+from scpjax.report.numbers import column, number
 
 if TYPE_CHECKING:
     from scpjax.control.controller import Controller
@@ -146,47 +158,96 @@ def run_calibrate(arguments: Namespace) -> None:
 def run_characterise(arguments: Namespace) -> None:
     """Record the experiments that lead to a model, and fit it."""
     out = check_folder(arguments.out)
-    try:
-        levels = tuple(float(v) for v in arguments.levels.split(","))
-    except ValueError as error:
-        raise BenchError(f"{arguments.levels!r} are no volts", where="--levels", mend="write 2,3") from error
+    levels = _numbers(arguments.levels, "--levels", "no volts", "write 2,3")
+    weights = _numbers(arguments.weights or "", "--weights", "no kilograms", "write 0.05,0.1,0.15")
+    if weights and arguments.mass is not None:
+        raise BenchError("two words on what hangs there", where="--mass", mend="the last of --weights is the mass")
+    if weights:
+        check_weights(weights)
     start()
-    options = Characterise(duration=arguments.duration, levels=levels, period=arguments.period, seed=arguments.seed)
+    options = Characterise(
+        duration=arguments.duration, levels=levels, period=arguments.period, seed=arguments.seed, weights=weights
+    )
     with bench(arguments, period=arguments.period) as b, progress(arguments) as show:
         if arguments.mass is not None:
-            b.rig.wiring = with_mass(b.rig.wiring, arguments.mass)
+            b.rig.wiring = _with_mass(b.rig.wiring, arguments.mass)
         tell = (lambda text, share: show(text, 0.7 * share)) if show else None
-        recordings = characterise(b.rig, out / "recordings", options, tell=tell)
-    fit_into(arguments, recordings, out)
+        put_on = partial(hang, b)
+        found = characterise(b.rig, out / "recordings", options, hang=put_on, tell=tell)
+        wiring = b.rig.wiring
+    _fit_into(arguments, found, wiring, out)
 
 
-def with_mass(wiring: Wiring, mass: float) -> Wiring:
-    """The wiring with a known moving mass [kg]. **Raises** `BenchError` for one that is not positive."""
+def _numbers(text: str, where: str, problem: str, mend: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(v) for v in text.split(",")) if text else ()
+    except ValueError as error:
+        raise BenchError(f"{text!r} are {problem}", where=where, mend=mend) from error
+
+
+def _with_mass(wiring: Wiring, mass: float) -> Wiring:
     if not (math.isfinite(mass) and mass > 0):
         raise BenchError(f"is {mass:g} kg", where="--mass", mend="give kilograms, above 0")
-    return dataclasses.replace(wiring, known=tuple({**dict(wiring.known), "moving_mass_kg": mass}.items()))
+    return with_known(wiring, moving_mass_kg=mass)
 
 
-def fit_into(arguments: Namespace, recordings: list[Recording], out: Path) -> None:
+def hang(b: Bench, mass: float) -> None:
+    """Have a weight hung: a simulated bench does it itself, elsewhere somebody does, and says so with the Enter key."""
+    b.rig.stop()
+    if b.behind is not None:
+        b.behind.world.hang(mass)
+        return
+    said = list[str]()
+    reader = threading.Thread(target=lambda: said.append(sys.stdin.readline()), daemon=True)
+    print(f"hang {mass:g} kg on it and press Enter", flush=True)
+    reader.start()
+    while reader.is_alive():
+        b.rig.wait(0.5, lambda: not reader.is_alive())
+    if not said or not said[0]:
+        mend = "run it in a terminal, or give it a line for each weight: yes '' | scpjax rig characterise ..."
+        raise BenchError("nobody to hang the weights", where="--weights", mend=mend)
+
+
+def _fit_into(arguments: Namespace, found: Characterised, wiring: Wiring, out: Path) -> None:
     """Fit what was recorded and write the folder."""
+    from scpjax.bench import weights
+    from scpjax.bench.validate import open_loop
     from scpjax.cli.program import staged
     from scpjax.cli.study import say_parameters
     from scpjax.fit.fit import fit
-    from scpjax.report.numbers import column
+    from scpjax.report import plot
+    from scpjax.report.pieces import write_figures, write_json
     from scpjax.report.report import command_line, write_fit
 
+    says, before = list[str](), ""
     with progress(arguments) as show:
         if show:
             show("fitting", 0.8)
-        found = fit(recordings)
+        fitted = fit(found.recordings)
         with staged(out) as folder:
-            write_fit(found, folder, recordings=recordings, command=command_line(arguments.line))
-    say_parameters(arguments, found.parameters)
-    for name, score in found.scores.items():
+            if found.stiffness is not None:
+                for h, recording in zip(found.series, found.steps, strict=False):
+                    model = fitted.model.replace({"inertia.mass": h.mass})
+                    says += [f"under {h.mass:g} kg, {c.says}" for c in open_loop(model, recording)]
+                image = plot.png(weights.figure(found.series, found.stiffness))
+                before = weights.section(found.series, found.stiffness, image, says)
+                write_figures(folder, {"weights": image})
+                write_text(folder / "weights.csv", weights.table(found.series))
+                write_json(folder / "weights.json", weights.to_json(found.series, found.stiffness))
+                save_wiring(wiring, folder / "bench.toml")
+            line = command_line(arguments.line)
+            write_fit(fitted, folder, recordings=found.recordings, command=line, before=before)
+    if found.stiffness is not None:
+        say(arguments, found.stiffness.says)
+        for words in says:
+            say(arguments, f"  {words}")
+        say(arguments, f"bench: {out / 'bench.toml'} (zero, weight and stiffness as they are now)")
+    say_parameters(arguments, fitted.parameters)
+    for name, score in fitted.scores.items():
         words, unit = column(name)
-        noise = number(found.noise.get(name, math.nan), 2)
+        noise = number(fitted.noise.get(name, math.nan), 2)
         say(arguments, f"  {words}: RMSE {number(score['rmse'])} {unit} (noise {noise} {unit})")
-    for sentence in found.not_identifiable:
+    for sentence in fitted.not_identifiable:
         say(arguments, f"  {sentence}")
     say(arguments, f"model: {out / 'model.json'}\nreport: {out / 'report.html'}")
 

@@ -136,10 +136,13 @@ def _characterise(places: Any, command: Command) -> None:
         "characterise",
         ("rig", "run_characterise"),
         "record steps, stairs and levels, and fit a model to them",
-        "Thesis 4.1, 4.3, under one weight. Writes recordings/*.csv, model.json, fit.json, figures and report.html.",
+        "Thesis 4.1 to 4.3: under one weight, or a series that you hang one after another when it asks (a simulated "
+        "bench hangs them itself). Writes recordings/*.csv, model.json, fit.json, figures and report.html; of a series "
+        "also the stiffness, weights/*.csv, weights.csv, weights.json, and bench.toml as it is at the end.",
     )
     parser.add_argument("--levels", metavar="V,V", default="2,3", help="of the steps (default: %(default)s)")
-    parser.add_argument("--mass", metavar="KG", type=float, help="that hangs on the actuator, known (thesis 4.2)")
+    parser.add_argument("--mass", metavar="KG", type=float, help="that hangs on the actuator, known")
+    parser.add_argument("--weights", metavar="KG,KG", help="to be hung one after another; the last one stays")
     parser.add_argument("--duration", metavar="S", type=float, default=60.0, help="of a step (default: %(default)s)")
     parser.add_argument("--period", metavar="S", type=float, default=0.1, help="between samples (default: %(default)s)")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write")

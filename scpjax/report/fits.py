@@ -35,8 +35,13 @@ from scpjax.report.pieces import (
 )
 
 
-def write_fit(fit: Fit, out_dir: str | Path, *, recordings: Sequence[Recording] = (), command: str = "") -> Path:
-    """Write fit.json, model.json, figures/*.png and report.html; the path of the report."""
+def write_fit(
+    fit: Fit, out_dir: str | Path, *, recordings: Sequence[Recording] = (), command: str = "", before: str = ""
+) -> Path:
+    """Write fit.json, model.json, figures/*.png and report.html; the path of the report.
+
+    ``before`` is a section (`scpjax.report.page.section`) that stands before the parameters.
+    """
     out = Path(out_dir)
     write_json(out / "fit.json", {"schema": "scpjax.fit/1", "version": scpjax.__version__, **fit_json(fit)})
     save_model(fit.model, out / "model.json", extra=model_extra(recordings, fit.noise))
@@ -51,6 +56,7 @@ def write_fit(fit: Fit, out_dir: str | Path, *, recordings: Sequence[Recording] 
     body = [
         heading("Fit", verdict, "explained" if fit.converged else "unexplained", said, file_names(recordings)),
         page.facts([fact(c, None, v["rmse"], "error", fit.noise.get(c)) for c, v in fit.scores.items()]),
+        before,
         page.section("Parameters", parameters_table(fit.parameters), _held(fit)),
         page.section(
             "What these recordings leave open",
