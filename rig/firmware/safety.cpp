@@ -32,15 +32,18 @@ float values[PARAMETER_COUNT];
 uint16_t hot_sum;                             // of a thermistor at the cut-out
 uint8_t fitted_mask, hot_for[CHANNELS], lost_for[CHANNELS], current_for;
 
-// Kept over resets: no reset makes an actuator cold.
 struct Memory {
     float temperature[CHANNELS];  // degC
     float energy[CHANNELS];       // J, beyond the sustained power
     float on[CHANNELS];           // s
     uint8_t driven[CHANNELS];
+    uint8_t age;                  // which of two is the younger: counts up
     uint16_t check;
 };
-Memory memory __attribute__((section(".noinit")));
+Memory memory;
+
+// Kept over resets, for no reset makes an actuator cold: written in turn, so that one is whole whenever a reset comes.
+Memory kept[2] __attribute__((section(".noinit")));
 
 uint16_t check_of(const Memory& m) {  // Fletcher
     const uint8_t* const bytes = reinterpret_cast<const uint8_t*>(&m);
@@ -50,6 +53,21 @@ uint16_t check_of(const Memory& m) {  // Fletcher
         b += a;
     }
     return static_cast<uint16_t>(a) << 8 | b;
+}
+
+void keep() {
+    ++memory.age;
+    memory.check = check_of(memory);
+    kept[memory.age & 1] = memory;
+}
+
+// The younger of what was kept whole; false where nothing was, as when the power came.
+bool recall() {
+    const bool whole[2] = {kept[0].check == check_of(kept[0]), kept[1].check == check_of(kept[1])};
+    if (!whole[0] && !whole[1]) return false;
+    const bool second = !whole[0] || (whole[1] && static_cast<int8_t>(kept[1].age - kept[0].age) > 0);
+    memory = kept[second];
+    return true;
 }
 
 float power(uint8_t count) { return count / 255.0f * SUPPLY_V * SUPPLY_V / values[P_model_resistance]; }
@@ -83,9 +101,9 @@ void begin() {
     for (uint8_t i = 0; i < PARAMETER_COUNT; ++i) values[i] = RULES[i].start;
     find_threshold();
     look_for_sensors();
-    const bool kept = memory.check == check_of(memory);
+    const bool known = recall();
     for (uint8_t c = 0; c < CHANNELS; ++c) {
-        if (kept) {
+        if (known) {
             if (memory.driven[c]) heat(c, memory.driven[c], HANG_S);
         } else {
             memory.temperature[c] = values[P_model_ambient];
@@ -94,7 +112,7 @@ void begin() {
         if (fitted_mask & 1 << c) memory.temperature[c] = fmaxf(memory.temperature[c], read_temperature(c));
         memory.driven[c] = 0;
     }
-    memory.check = check_of(memory);
+    keep();
 }
 
 float get(uint8_t parameter) { return values[parameter]; }
@@ -119,7 +137,7 @@ Fault watch(const uint8_t driven[CHANNELS], uint8_t& channel) {
         if (hot_for[c] > PATIENCE) hot_for[c] = PATIENCE;
         if (lost_for[c] > PATIENCE) lost_for[c] = PATIENCE;
     }
-    memory.check = check_of(memory);
+    keep();
     const float amperes = (hardware::input(3) + 2.0f) / FULL * 5.0f / CURRENT_V_PER_A;
     current_for = amperes > values[P_max_current] ? current_for + 1 : 0;
     if (current_for > PATIENCE) current_for = PATIENCE;

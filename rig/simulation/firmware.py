@@ -86,6 +86,10 @@ class SimulatedDevice(BoardDevice):
         n = lib.board_read(self._board, self._buffer, len(self._buffer))
         return self._buffer.raw[:n]
 
+    def run_on(self, cycles: int) -> None:
+        """Into the coming tick, by so many cycles of the processor: what happens next happens there."""
+        self._lib.board_run(self._board, self.ticks * _TICK_CYCLES + cycles, self._mean)
+
     def _take(self, data: bytes) -> None:
         self._lib.board_write(self._board, data, len(data))
 

@@ -26,7 +26,7 @@ CONFIG = BoardConfig(
     max_on_s=2.0,
     model_thermal_mass_J_per_K=0.3,
 )
-SEQUENCES = {"emulator": 100_000, "firmware": 5_000} if boards.FULL_SIZE else {"emulator": 1_000, "firmware": 150}
+SEQUENCES = dict.fromkeys(boards.KINDS, 100_000) if boards.FULL_SIZE else {"emulator": 1_000, "firmware": 150}
 COMMANDS = 8
 COOLER = 1.05
 
