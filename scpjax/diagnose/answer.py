@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from scpjax.diagnose.closure import Learned
+from scpjax.diagnose.curve import Curve
+from scpjax.diagnose.distil import draw
 from scpjax.diagnose.expression import describe
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.locate import Binned, locate
@@ -28,7 +30,7 @@ def answer(
     parts: Split,
     base: State,
     choice: Choice,
-    learned: Learned | None,
+    learned: Learned | Curve | None,
     binned: Binned,
     lacking: tuple[Latent, ...],
     *,
@@ -45,7 +47,9 @@ def answer(
     doubt = uncertainty(final, final_data, problem.space, coloured=final_data is parts.whole)
     every = estimates(final, problem.space, doubt)
     named = _named(choice, every)
-    closure = describe(learned, every) if learned else None
+    closure = None
+    if learned is not None:
+        closure = draw(learned, every, doubt) if isinstance(learned, Curve) else describe(learned, every)
     subsystem = _subsystem(choice, closure, lacking)
     verdict, says = _verdict(base, choice.state, state, parts, named, closure)
     model = " + ".join((setup.structure.name, *choice.state.names, *(["closure"] if learned else [])))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from scpjax.diagnose.closure import Learned, learn
+from scpjax.diagnose.curve import Curve, bend
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Latent
 from scpjax.diagnose.select import Choice, Evidence
@@ -36,6 +37,20 @@ def able(lacking: Sequence[Latent]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(balance_of(m.subsystem) for m in lacking if m.explained > best - _BEHIND))
 
 
+def closure(state: State, parts: Split, rules: Evidence, where: Sequence[str] = ()) -> Learned | Curve | None:
+    """What is learned beyond a hypothesis: a curve of one variable if it comes down to the noise, else what predicts
+    better, that or a sum of terms; None where neither is better than none.
+    """
+    curve = bend(state, parts, rules, where)
+    if curve is not None and level(curve.state, parts) <= AT_NOISE:
+        return curve
+    terms = learn(state, parts, rules, where)
+    if curve is None or terms is None:
+        return curve or terms
+    held = parts.is_held
+    return curve if _unexplained(curve.state, held) < _unexplained(terms.state, held) else terms
+
+
 def form_at_most(base: State, state: State, parts: Split) -> bool:
     """Whether names leave so little that it may be what the true law's form differs by from theirs."""
     whole, left = (_unexplained(s, parts.is_held) for s in (base, state))
@@ -44,7 +59,7 @@ def form_at_most(base: State, state: State, parts: Split) -> bool:
 
 def beyond_names(
     parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str]
-) -> tuple[Choice, Learned | None]:
+) -> tuple[Choice, Learned | Curve | None]:
     """What is to be said when the named mechanisms do not reach the noise.
 
     Names are false if a closure without them explains nearly all of the held-out misfit, and far better than they do.
@@ -60,12 +75,12 @@ def beyond_names(
         if level(choice.state, parts) > _NEAR_NOISE:
             return choice, None
         return choice, _correction(choice.state, parts, rules)
-    alone = learn(base, parts, rules, where)
+    alone = closure(base, parts, rules, where)
     if not choice.state.names:
         return choice, alone
     if alone is not None and _unexplained(alone.state, held) < min(_COMPLETE * whole, _FAR_BETTER * left):
         return Choice(base, choice.ranking, {}, {}), alone
-    return choice, learn(choice.state, parts, rules)
+    return choice, closure(choice.state, parts, rules)
 
 
 def balance_of(subsystem: str) -> str:
@@ -73,14 +88,14 @@ def balance_of(subsystem: str) -> str:
     return "thermoelectric" if subsystem == "drive" else subsystem
 
 
-def _correction(state: State, parts: Split, rules: Evidence) -> Learned | None:
+def _correction(state: State, parts: Split, rules: Evidence) -> Learned | Curve | None:
     """What is learned in the balances of the named mechanisms."""
-    return learn(state, parts, rules, [balance_of(state.setup.structure.mechanism(n).subsystem) for n in state.names])
+    return closure(state, parts, rules, [balance_of(state.setup.structure.mechanism(n).subsystem) for n in state.names])
 
 
 def _corrected_rather_than_named(
     parts: Split, base: State, choice: Choice, rules: Evidence
-) -> tuple[Choice, Learned | None]:
+) -> tuple[Choice, Learned | Curve | None]:
     """The names but the last, and a correction of their laws; no correction where the last name does better."""
     state = choice.state
     if len(state.names) < 2:

@@ -97,8 +97,27 @@ class Latent:
 
 
 @dataclass(frozen=True)
+class Drawn:
+    """A curve of a closure: ``product`` ("T s(x)") with s in ``unit``, its values and standard deviations at places
+    ``at`` of the ``variable``, in ``at_unit``; ``expression``, whose values are ``near``, comes close to it with that
+    ``share`` of its variation."""
+
+    variable: str
+    at_unit: str
+    product: str
+    unit: str
+    at: np.ndarray
+    value: np.ndarray
+    std: np.ndarray
+    expression: str
+    near: np.ndarray
+    share: float
+
+
+@dataclass(frozen=True)
 class Closure:
-    """A learned closure: ``expression`` with its units, what it ``depends_on`` and how much better it predicts."""
+    """A learned closure: ``expression`` with its units, what it ``depends_on`` and how much better it predicts;
+    ``curve``, where it is one and no sum of terms."""
 
     subsystem: str
     place: str
@@ -107,6 +126,7 @@ class Closure:
     terms: dict[str, Estimate]
     held_out_gain: float
     delta_bic: float
+    curve: Drawn | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,6 +206,21 @@ def _closure(c: Closure) -> dict[str, Any]:
         "held_out_gain": c.held_out_gain,
         "delta_bic": c.delta_bic,
         "terms": {k: e.to_dict() for k, e in c.terms.items()},
+        "curve": None if c.curve is None else _drawn(c.curve),
+    }
+
+
+def _drawn(d: Drawn) -> dict[str, Any]:
+    return {
+        "product": d.product,
+        "variable": d.variable,
+        "variable_unit": d.at_unit,
+        "unit": d.unit,
+        "at": d.at.tolist(),
+        "value": d.value.tolist(),
+        "std": d.std.tolist(),
+        "expression": d.expression,
+        "share": d.share,
     }
 
 

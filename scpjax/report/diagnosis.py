@@ -62,6 +62,7 @@ def write_diagnosis(
         titles = {k: m.title for k, m in catalogue().items()}
         shapes["ranking"] = plot.png(bars.ranking(first, [m.name for m in d.mechanisms], titles))
     lacking = missing.section(d, shapes)
+    learned = missing.learned(d, shapes)
     proposed = experiment.drawn(d.next_experiment)
     if d.next_experiment is not None and proposed is not None:
         shapes["next_experiment"] = proposed
@@ -71,9 +72,7 @@ def write_diagnosis(
         _diagnosis_head(d),
         _where(d, shapes),
         lacking,
-        page.section(
-            "What was left out", *(_mechanism(m) for m in d.mechanisms), _nothing_named(d), missing.learned(d)
-        ),
+        page.section("What was left out", *(_mechanism(m) for m in d.mechanisms), _nothing_named(d), learned),
         page.section(
             "Before and after",
             _scores_table(d),

@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 from matplotlib.figure import Figure
 
-from scpjax.diagnose.result import Diagnosis, Latent
+from scpjax.diagnose.result import Diagnosis, Drawn, Latent
 from scpjax.report import page, plot
 from scpjax.report.numbers import number, percent
 from scpjax.report.plot import EXTENDED, FAINT, TEXT, new_figure, style
@@ -18,6 +18,7 @@ _UNITS = {
     "displacement": ("Displacement", "mm", 1e3),
     "velocity": ("Velocity", "mm/s", 1e3),
     "drive": ("Drive", "as the model takes it", 1.0),
+    "effort": ("Drive", "as the model takes it", 1.0),
     "time": ("Time", "s", 1.0),
 }
 _SCALED = {
@@ -120,18 +121,29 @@ def _shown(d: Diagnosis) -> Latent:
     return (here or list(d.missing))[0]
 
 
-def learned(d: Diagnosis) -> str:
-    """A card with the expression learned where no name was earned, or beside names whose law differs in form."""
+def learned(d: Diagnosis, shapes: dict[str, bytes]) -> str:
+    """A card with what was learned where no name was earned, or beside names whose law differs in form; a curve is
+    drawn (``shapes["closure"]``).
+    """
     c = d.closure
     if c is None:
         return ""
     corrects = d.verdict == "explained"
     place = escape(c.place.removeprefix("learned_").replace("_", " "))
+    form = "sum of terms" if c.curve is None else "smooth curve"
     why = (
-        "The mechanisms named explain nearly all of the misfit; this sum of terms corrects the form of their laws."
+        f"The mechanisms named explain nearly all of the misfit; this {form} corrects the form of their laws."
         if corrects
-        else "No mechanism of the catalogue explains it, but this sum of terms does better than none."
+        else f"No mechanism of the catalogue explains it, but this {form} does better than none."
     )
+    error = "; ± is one standard error" if c.curve is None else ""
+    drawn = ""
+    if c.curve is not None:
+        shapes["closure"] = plot.png(curve(c.curve))
+        near = f" The dashed line is the expression, with {percent(c.curve.share)} of its variation." * bool(
+            c.curve.expression
+        )
+        drawn = page.figure(shapes["closure"], f"The curve s that was learned, with its 95 % band.{near}")
     return "\n".join(
         (
             '<div class="card">',
@@ -139,10 +151,28 @@ def learned(d: Diagnosis) -> str:
             f'<span class="soft small">removes {percent(max(c.held_out_gain, 0.0))} of the held-out misfit · fall of '
             f"the BIC {number(c.delta_bic, 3)}</span></header>",
             page.text(
-                f"{why} It was fitted through the simulation and judged on what was held out; ± is one standard error. "
+                f"{why} It was fitted through the simulation and judged on what was held out{error}. "
                 "It holds in the range of these recordings only."
             ),
             f'<div class="equation">{escape(c.expression)}</div>',
+            drawn,
             "</div>",
         )
     )
+
+
+def curve(c: Drawn) -> Figure:
+    """A learned curve with its 95 % band over its variable, and the expression that comes close to it."""
+    out = new_figure(6.2, 2.7)
+    axis = out.subplots()
+    axis.fill_between(c.at, c.value - 1.96 * c.std, c.value + 1.96 * c.std, color=EXTENDED, alpha=0.22, lw=0)
+    axis.plot(c.at, c.value, color=EXTENDED, lw=1.6, label="learned")
+    if c.expression:
+        axis.plot(c.at, c.near, color=TEXT, lw=1.1, ls="--", label=f"s ≈ {c.expression}")
+    axis.axhline(0, color=FAINT, lw=0.8)
+    axis.set_xlabel(f"{_UNITS[c.variable][0]} ({c.at_unit})")
+    axis.set_ylabel(f"s in {c.product} ({c.unit})")
+    axis.legend(frameon=False, fontsize=8)
+    style(axis)
+    out.tight_layout()
+    return out

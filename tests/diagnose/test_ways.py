@@ -89,12 +89,18 @@ def test_what_only_led_the_others_to_a_better_fit_is_taken_out(monkeypatch):
     assert select._prune(state(("a", "c")), None, Evidence()).names == ("a", "c")  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("taken", "fitted"), [(0.9, 5), (0.3, 10)])
-def test_twice_as_many_are_fitted_where_none_explains_much(monkeypatch, taken, fitted):
+@pytest.mark.parametrize(("taken", "abreast", "fitted"), [(0.9, 0, 5), (0.3, 0, 10), (0.9, 6, 7), (0.9, 14, 10)])
+def test_twice_as_many_are_fitted_where_none_explains_much_or_others_promise_as_much(
+    monkeypatch, taken, abreast, fitted
+):
+    """``abreast`` of the others promise nearly what the leader does, the rest half of it."""
     tried = []
     state = SimpleNamespace(names=(), cost=10_100.0, setup=None)
     split = SimpleNamespace(is_train=np.ones(100, bool), train=None)
-    promises = [SimpleNamespace(mechanism=SimpleNamespace(name=f"m{i}"), gain=100.0 - i) for i in range(14)]
+    promises = [
+        SimpleNamespace(mechanism=SimpleNamespace(name=f"m{i}"), gain=100.0 - i if i <= abreast else 50.0 - i)
+        for i in range(14)
+    ]
     problem = SimpleNamespace(space=None)
     monkeypatch.setattr(screen, "grown", lambda setup, m: tried.append(m.name) or problem)
     monkeypatch.setattr(screen, "starts_with", lambda *_: [])

@@ -70,7 +70,8 @@ class AmbientDrift(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.05, 0.2, 0.0, 0.0), (-0.05, 0.2, 0.0, 0.0))
+    # a cycle is only found from a period not far from its own
+    starts = tuple((d, tau, 0.0, 0.0) for tau in (0.2, 0.1, 0.05, 0.025) for d in (0.05, -0.05))
 
     def heat(self, p: Values, view: View) -> Side:
         since = view.time / p.time_constant

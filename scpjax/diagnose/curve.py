@@ -1,0 +1,208 @@
+"""A closure as a smooth curve of one variable, where sums of simple terms leave too much: a spline in the balance.
+
+Which curves to try is read off one linearisation of the simulation; each is then fitted through the simulation with
+all base parameters, with few pieces and with many, and judged on stretches held out from the fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.select import Comparison, Evidence, compare
+from scpjax.diagnose.trials import State, fit_leading, grown, laws_of
+from scpjax.fit.problem import CEILING, Trial, initial_state, unpack
+from scpjax.fit.setup import Setup, carry
+from scpjax.fit.solve import batches, binned_of, evaluate, make_room, stack
+from scpjax.physics.catalogue import mechanism
+from scpjax.physics.curves import PIECES, VARIABLES, WEIGHTS, Form, basis, form_of
+from scpjax.physics.mechanism import Mechanism
+from scpjax.simulate.drive import Grid
+from scpjax.simulate.simulate import node_states
+
+CURVES = ("learned_heat_curve", "learned_force_curve", "learned_reading_curve")
+_TRIED = 3  # forms of a balance, fitted
+_STEPS = 96
+_MARGIN = 0.03  # of a range, added at both ends
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A curve found: the hypothesis that holds it, which it is, and the evidence."""
+
+    state: State
+    mechanism: str
+    law: int
+    evidence: Comparison
+
+    @property
+    def form(self) -> Form:
+        """What it is a function of, and times what."""
+        return form_of(mechanism(self.mechanism).forms, self.law)[0]  # pyright: ignore[reportAttributeAccessIssue]
+
+    @property
+    def pieces(self) -> int:
+        """Of the spline."""
+        return PIECES[self.law % len(PIECES)]
+
+    def reference(self, name: str) -> float:
+        """A fixed number of it: an end of a variable's range."""
+        return float(self.state.values[self.state.setup.structure.index[f"{self.mechanism}.{name}"]])
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Its weights."""
+        m = mechanism(self.mechanism)
+        return tuple(f"{m.name}.{p.name}" for p in m.free_parameters(self.law))
+
+
+def bend(state: State, split: Split, rules: Evidence, subsystems: Sequence[str] = ()) -> Curve | None:
+    """The curve that the recordings ask for beyond ``state``; None when none is better than none.
+
+    ``subsystems``: where it may stand; anywhere when none is given. The best with few pieces is given more if they
+    predict the held-out stretches better.
+    """
+    s = state.setup.structure
+    if s.system:
+        return None
+    there = {"thermal": s.thermal, "mechanical": s.mechanical}
+    able = [m for m in map(mechanism, CURVES) if all(there[need] for need in m.needs)]
+    found: list[Curve] = []
+    for m in [m for m in able if m.subsystem in subsystems] or able:
+        make_room()
+        found += _of(m, state, split, rules)
+    accepted = [c for c in found if c.evidence.accepted]
+    if not accepted:
+        return None
+    best = max(accepted, key=lambda c: c.evidence.held_out_gain)
+    return _finer(best, state, split, rules)
+
+
+def ranges(state: State, split: Split) -> dict[str, float]:
+    """Lowest and highest value of every variable in the simulated recordings, 0 among them, with a margin."""
+    model, local = unpack(state.trial.free, state.trial, state.setup.space)
+    data, sides = split.whole, len(model.structure.sides)
+    names = model.structure.state_names
+
+    def one(grid: Grid, effort: Array, values: Array) -> tuple[Array, Array]:
+        z0 = initial_state(model, state.setup.space.locals, values, effort)
+        return node_states(model, grid, z0, order=data.order)
+
+    states, efforts = jax.jit(jax.vmap(one))(data.grids, jnp.asarray(data.start_effort), local)
+    seen = {v: np.zeros(1) for v in VARIABLES}
+    if model.structure.thermal:
+        seen["temperature"] = np.asarray(states[..., :sides])
+    for v in ("displacement", "velocity"):
+        if v in names:
+            seen[v] = np.asarray(states[..., names.index(v)])
+    seen["effort"] = np.asarray(efforts)
+    out = {}
+    for v, x in seen.items():
+        x = x[np.isfinite(x)]
+        low, high = min(float(x.min()), 0.0), max(float(x.max()), 0.0)
+        margin = _MARGIN * (high - low) or 1.0
+        if v == "displacement" and sides == 2:  # each side sees its own contraction
+            low, high = min(low, -high), max(high, -low)
+        out[f"{v}_low"], out[f"{v}_high"] = (low - margin if low < 0 else 0.0), high + margin
+    return out
+
+
+def _of(m: Mechanism, state: State, split: Split, rules: Evidence) -> list[Curve]:
+    """The forms of a balance that promise most, fitted with few pieces."""
+    problem = grown(state.setup, m)
+    fixed = problem.fixed.copy()
+    for name, value in ranges(state, split).items():
+        fixed[problem.structure.index[f"{m.name}.{name}"]] = value
+    problem = replace(problem, fixed=fixed)
+    laws = range(0, len(m.laws), len(PIECES))
+    trials = [_trial(problem, state, m, law) for law in laws]
+    left = _left(problem, split, trials, m)
+    chosen = sorted(left, key=left.__getitem__)[:_TRIED]
+    return _fitted(problem, state, split, rules, m, {laws[i]: trials[i] for i in chosen})
+
+
+def _fitted(
+    problem: Setup, state: State, split: Split, rules: Evidence, m: Mechanism, trials: dict[int, Trial]
+) -> list[Curve]:
+    """Curves by their laws, fitted; as bad as can be where one blew up."""
+    if not trials:
+        return []
+    solved, cost = fit_leading(problem, split, list(trials.values()), state.cost, _STEPS)
+    residuals = binned_of(solved, split.whole, problem.space)
+    residuals[np.any(np.abs(residuals) >= CEILING, axis=(1, 2, 3))] = 10.0 * state.residual
+    out = []
+    for law, trial, r, c in zip(trials, solved, residuals, cost, strict=True):
+        after = State(problem, trial, r, float(c))
+        evidence = compare(state, after, "closure", "", split, rules, len(m.free_parameters(law)))
+        out.append(Curve(after, m.name, law, evidence))
+    return out
+
+
+def _finer(found: Curve, before: State, split: Split, rules: Evidence) -> Curve:
+    """The same curve with more pieces, from where it stands, if that predicts what was held out better."""
+    m, law, problem = mechanism(found.mechanism), found.law + 1, found.state.setup
+    where = np.linspace(0.0, 1.0, 60)
+    low, high = (found.reference(f"{found.form.variable}_{end}") for end in ("low", "high"))
+    zero = min(max(-low / (high - low), 0.0), 1.0)
+    weights = np.array([found.state.values[problem.structure.index[k]] for k in found.keys])
+    now = basis(where, zero, PIECES[0]) @ weights
+    more = np.linalg.lstsq(basis(where, zero, PIECES[1]), now, rcond=1e-9)[0]
+    trial = _trial(problem, found.state, m, law)
+    value = np.array(problem.space.values(trial.free, trial.fixed, trial.active))
+    for p, w in zip(m.free_parameters(law), more, strict=True):
+        value[problem.structure.index[f"{m.name}.{p.name}"]] = w
+    trial = replace(problem, fixed=np.asarray(trial.fixed)).trial(
+        value, np.asarray(trial.active), np.asarray(trial.laws), len(trial.index)
+    )
+    (finer,) = _fitted(problem, before, split, rules, m, {law: trial})
+    extra = len(finer.keys) - len(found.keys)
+    return finer if compare(found.state, finer.state, "closure", "", split, rules, extra).accepted else found
+
+
+def _trial(problem: Setup, state: State, m: Mechanism, law: int) -> Trial:
+    """The hypothesis with a curve under a law, all of it zero, and its weights moving."""
+    old, new = state.setup.structure, problem.structure
+    n = len(new.slots)
+    value = carry(old, new, state.values, np.asarray(problem.starts[0])[:n])
+    active = carry(old, new, np.asarray(state.trial.active), np.zeros(n)).astype(bool)
+    held = carry(old, new, np.asarray(state.trial.fixed), problem.fixed[:n])
+    active &= ~_weights(problem, m)
+    for p in m.free_parameters(law):
+        active[new.index[f"{m.name}.{p.name}"]] = True
+    laws = laws_of(state.setup, np.asarray(state.trial.laws), problem)
+    laws[next(i for i, other in enumerate(new.mechanisms) if other.name == m.name)] = law
+    width = int(np.sum(active & ~_weights(problem, m))) + len(WEIGHTS)
+    return replace(problem, fixed=held).trial(value, active, laws, width)
+
+
+def _weights(problem: Setup, m: Mechanism) -> np.ndarray:
+    """Which entries are weights of a curve."""
+    out = np.zeros(problem.space.size, bool)
+    out[[problem.structure.index[f"{m.name}.{w}"] for w in WEIGHTS]] = True
+    return out
+
+
+def _left(problem: Setup, split: Split, trials: Sequence[Trial], m: Mechanism) -> dict[int, float]:
+    """By law, the sum of squares that its curve would leave if the simulation were linear in it."""
+    mine = set(np.flatnonzero(_weights(problem, m)))
+    out, done = {}, 0
+    for batch in batches(trials):
+        here = evaluate(stack(batch), split.train, problem.space)
+        for i in range(min(len(batch), len(trials) - done)):
+            index = np.asarray(trials[done + i].index)
+            jacobian, residual = np.asarray(here.jacobian[i]), np.asarray(here.residual[i])
+            keep = np.all(np.isfinite(jacobian), axis=0) & np.any(jacobian != 0, axis=0)
+            own = any(int(e) in mine for e, k in zip(index, keep, strict=False) if k)
+            if own and np.all(np.isfinite(residual)):
+                scaled = jacobian[:, keep] / np.linalg.norm(jacobian[:, keep], axis=0)
+                basis, size, _ = np.linalg.svd(scaled, full_matrices=False)
+                basis = basis[:, size > 1e-7 * size[0]]
+                out[done + i] = float(residual @ residual - np.sum((basis.T @ residual) ** 2))
+        done += len(batch)
+    return out

@@ -1,0 +1,154 @@
+"""A learned curve in words: what it is in units, with its band, and the readable expression that comes close to it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from scpjax.diagnose.curve import Curve
+from scpjax.diagnose.result import Closure, Drawn
+from scpjax.fit.identifiability import Uncertainty
+from scpjax.fit.result import Estimate
+from scpjax.physics.curves import SYMBOLS, basis
+
+_SHOWN = {
+    "temperature": ("K", 1.0),
+    "displacement": ("mm", 1e3),
+    "velocity": ("mm/s", 1e3),
+    "effort": ("drive", 1.0),
+    "": ("", 1.0),
+}
+_WHAT = {
+    ("learned_heat_curve", ""): ("heat lost", "W", 1.0),
+    ("learned_force_curve", ""): ("force against contraction", "N", 1.0),
+    ("learned_reading_curve", "temperature"): ("thermometer reads too much by", "K", 1.0),
+    ("learned_reading_curve", "displacement"): ("displacement reads too much by", "mm", 1e3),
+}
+_POINTS = 61
+_CLOSE = 0.995  # share of a curve's variation with which one function is enough
+_FAIR = 0.9  # with less, no expression is given
+_SUPER = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+@dataclass(frozen=True)
+class _Function:
+    """A physical function of the variable, as a share of its farthest value; ``says`` writes it."""
+
+    value: Callable[[np.ndarray], np.ndarray]
+    says: Callable[[str, str, float], str]
+    power: int = 0
+
+
+def _power(n: int) -> _Function:
+    return _Function(lambda y: y**n, lambda v, unit, far: v + (str(n).translate(_SUPER) if n > 1 else ""), n)
+
+
+def _beyond(a: float) -> _Function:
+    return _Function(lambda y: np.maximum(y - a, 0.0), lambda v, unit, far: f"max({v} - {a * far:.3g} {unit}, 0)", 1)
+
+
+def _levels(a: float) -> _Function:
+    return _Function(lambda y: np.tanh(y / a), lambda v, unit, far: f"tanh({v} / {a * far:.3g} {unit})")
+
+
+def _grows(a: float) -> _Function:
+    return _Function(lambda y: np.expm1(y / a), lambda v, unit, far: f"(exp({v} / {a * far:.3g} {unit}) - 1)")
+
+
+_LIBRARY = (
+    *(_power(n) for n in (1, 2, 3, 4)),
+    *(_beyond(round(a, 2)) for a in np.arange(0.1, 0.95, 0.1)),
+    *(_levels(a) for a in np.geomspace(0.1, 1.0, 12)),
+    *(_grows(a) for a in np.geomspace(0.15, 1.0, 8)),
+)
+
+
+def draw(found: Curve, every: Mapping[str, Estimate], doubt: Uncertainty) -> Closure:
+    """The closure with its curve in units, its 95 % band, and an expression distilled from it (sparse regression over
+    physical functions: Brunton, Proctor, Kutz, PNAS 113 (2016) 3932); ``every`` and ``doubt`` are of its final fit.
+    """
+    form, value = found.form, {k: e.value for k, e in every.items()}
+    low, high = (found.reference(f"{form.variable}_{end}") for end in ("low", "high"))
+    what, unit, shown = _WHAT[found.mechanism, form.reads]
+    scale = (
+        shown
+        * {
+            "learned_heat_curve": value.get("newton_cooling.conductance", 1.0) * found.reference("temperature_high"),
+            "learned_force_curve": value.get("elastic_spring.stiffness", 1.0) * found.reference("displacement_high"),
+            "learned_reading_curve": found.reference(f"{form.reads or 'temperature'}_high"),
+        }[found.mechanism]
+    )
+    if form.factor:
+        scale /= found.reference(f"{form.factor}_high") * _SHOWN[form.factor][1]
+    z = np.linspace(0.0, 1.0, _POINTS)
+    matrix = scale * basis(z, min(max(-low / (high - low), 0.0), 1.0), found.pieces)
+    weights = np.array([value[k] for k in found.keys])
+    index = [doubt.keys.index(k) for k in found.keys]
+    spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", matrix, doubt.covariance[np.ix_(index, index)], matrix), 0.0))
+    at = (low + z * (high - low)) * _SHOWN[form.variable][1]
+    curve = matrix @ weights
+    per = f"{unit}/{_SHOWN[form.factor][0]}" if form.factor else unit
+    expression, near, share = distilled(at, curve, form.variable, per)
+    product = f"{SYMBOLS[form.factor]} s({SYMBOLS[form.variable]})".strip()
+    says = f"{what} = {product}, s from 0 to {curve[np.argmax(np.abs(curve))]:.3g} {per}"
+    if expression:
+        says += f", s ≈ {expression}"
+    variables = [("drive" if v == "effort" else v) for v in (form.factor, form.variable) if v]
+    subsystem = {"heat": "thermoelectric", "force": "thermomechanical"}.get(found.mechanism.split("_")[1], "sensor")
+    return Closure(
+        subsystem,
+        found.mechanism.removesuffix("_curve") + (f" {form.reads}" if form.reads else ""),
+        tuple(dict.fromkeys(variables)),
+        says,
+        {k: every[k] for k in found.keys},
+        found.evidence.held_out_gain,
+        found.evidence.delta_bic,
+        Drawn(form.variable, _SHOWN[form.variable][0], product, per, at, curve, spread, expression, near, share),
+    )
+
+
+def distilled(at: np.ndarray, curve: np.ndarray, variable: str, unit: str) -> tuple[str, np.ndarray, float]:
+    """(expression, its values, share of the curve's variation that it has): one function of the library, or two where
+    one is not close; no expression where two are not either.
+    """
+    far = float(np.max(np.abs(at)))
+    y, total = at / far, float(np.sum(curve**2))
+    if total == 0.0:
+        return "", curve, 0.0
+    usable = [f for f in _LIBRARY if at.min() >= 0 or f.power]
+    columns = [f.value(y) for f in usable]
+    best: tuple[float, tuple[int, ...], np.ndarray] = (-math.inf, (), np.zeros(0))
+    for size in (1, 2):
+        for sets in itertools.combinations(range(len(usable)), size):
+            design = np.stack([columns[i] for i in sets], axis=1)
+            weights = np.linalg.lstsq(design, curve, rcond=None)[0]
+            share = 1.0 - float(np.sum((design @ weights - curve) ** 2)) / total
+            if share > best[0] and np.all(np.abs(weights) < 20 * np.max(np.abs(curve))):
+                best = (share, sets, weights)
+        if best[0] >= _CLOSE:
+            break
+    share, sets, weights = best
+    if share < _FAIR:
+        return "", curve, share
+    near = np.stack([columns[i] for i in sets], axis=1) @ weights
+    return _written([usable[i] for i in sets], weights, variable, unit, far), near, share
+
+
+def _written(functions: Sequence[_Function], weights: np.ndarray, variable: str, unit: str, far: float) -> str:
+    symbol, (own, _) = SYMBOLS[variable], _SHOWN[variable]
+    pieces = []
+    for f, w in zip(functions, weights, strict=True):
+        size = abs(w) / far**f.power
+        raised = str(f.power).translate(_SUPER) if f.power > 1 else ""
+        own_unit = f"({own})" if "/" in own and raised else own
+        units = unit if not f.power else f"{unit}{'/' if '/' not in unit else ' '}{own_unit}{raised}"
+        if f.power and "/" in unit:
+            head, tail = unit.split("/", 1)
+            units = f"{head}/({tail} {own_unit}{raised})"
+        sign = ("" if not pieces else "+ ") if w >= 0 else "- "
+        pieces.append(f"{sign}{size:.3g} {units} {f.says(symbol, own, far)}")
+    return " ".join(pieces)

@@ -1,0 +1,128 @@
+"""Curves of a closure: a smooth function of one variable, times at most one other, as a cubic spline.
+
+``s(w) = sum_k c_k (B(n z - k) - B(n z_0 - k))`` with z from 0 to 1 over the range that was seen, z_0 where w is 0, B
+the cardinal cubic B-spline and n the number of pieces (de Boor, A Practical Guide to Splines, 2001, ch. IX); s is 0 at
+rest, and beyond the range stays as it was at its end.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from scpjax.parameter import Parameter
+from scpjax.physics.mechanism import Side, Values, View
+
+PIECES = (3, 6)
+"""Numbers of pieces between which the recordings choose."""
+_MOST = max(PIECES) + 2
+WEIGHTS = tuple(f"c{k + 1}" for k in range(_MOST))
+
+VARIABLES = ("temperature", "displacement", "velocity", "effort")
+SYMBOLS = {"temperature": "T", "displacement": "x", "velocity": "v", "effort": "u", "": ""}
+UNITS = {"temperature": "K", "displacement": "m", "velocity": "m/s", "effort": "drive"}
+
+
+@dataclass(frozen=True)
+class Form:
+    """``factor`` s(``variable``), by their names in `VARIABLES`; a factor of "" is 1. ``reads``: of which sensor."""
+
+    factor: str
+    variable: str
+    reads: str = ""
+
+    @property
+    def name(self) -> str:
+        """Such as "T s(x)"."""
+        return f"{SYMBOLS[self.factor]} s({SYMBOLS[self.variable]})".strip()
+
+
+def laws(forms: tuple[Form, ...]) -> tuple[str, ...]:
+    """Each form with each number of pieces."""
+    return tuple(f"{'of ' + f.reads + ': ' if f.reads else ''}{f.name}, {n} pieces" for f in forms for n in PIECES)
+
+
+def form_of(forms: tuple[Form, ...], law: int) -> tuple[Form, int]:
+    """A law's form and number of pieces."""
+    return forms[law // len(PIECES)], PIECES[law % len(PIECES)]
+
+
+def only_under(forms: tuple[Form, ...]) -> dict[str, tuple[int, ...]]:
+    """Laws that have each weight: a spline of n pieces that is 0 at rest has n + 2."""
+    count = len(forms) * len(PIECES)
+    return {
+        w: tuple(law for law in range(count) if k < form_of(forms, law)[1] + 2)
+        for k, w in enumerate(WEIGHTS)
+        if k >= min(PIECES) + 2
+    }
+
+
+def parameters() -> tuple[Parameter, ...]:
+    """The weights (null 0), then the ranges and references of the variables (fixed)."""
+    free = tuple(
+        Parameter(
+            name=w,
+            symbol=w,
+            unit="1",
+            description="weight of a piece of the spline",
+            typical=0.0,
+            bounds=(-math.inf, math.inf),
+            null=0.0,
+            scale="linear",
+            spread=3.0,
+        )
+        for w in WEIGHTS
+    )
+    fixed = tuple(
+        Parameter(
+            name=f"{v}_{end}",
+            symbol=f"{SYMBOLS[v]}_{end}",
+            unit=UNITS[v],
+            description=f"{words} {v} of the range",
+            typical=value,
+            bounds=(-1e300, 1e300),
+            null=value,
+            scale="linear",
+            fixed=True,
+        )
+        for v in VARIABLES
+        for end, words, value in (("low", "lowest", 0.0), ("high", "highest", 1.0))
+    )
+    return free + fixed
+
+
+def basis(z: np.ndarray, zero: float, pieces: int) -> np.ndarray:
+    """(n, pieces + 2) of the places z in the range, as `value` has them."""
+    k = np.arange(pieces + 2)
+    return np.asarray(_bell(pieces * z[:, None] - k) - _bell(pieces * zero - k))
+
+
+def _bell(t: ArrayLike) -> Array:
+    a = jnp.abs(t)
+    return (jnp.maximum(2.0 - a, 0.0) ** 3 - 4.0 * jnp.maximum(1.0 - a, 0.0) ** 3) / 6.0
+
+
+def product(forms: tuple[Form, ...], p: Values, view: View, reads: str = "") -> Side:
+    """Dimensionless ``factor s(variable)`` of the law in force; 0 where its form is of another sensor."""
+    places, zeros, factors, mine = [], [], [], []
+    for f in forms:
+        low, high = getattr(p, f"{f.variable}_low"), getattr(p, f"{f.variable}_high")
+        now = getattr(view, f.variable)
+        places.append(jnp.clip((now - low) / (high - low), 0.0, 1.0))
+        zeros.append(jnp.clip(-low / (high - low), 0.0, 1.0))
+        top = getattr(p, f"{f.factor}_high") if f.factor else 1.0
+        factors.append(getattr(view, f.factor) / top if f.factor else jnp.ones_like(now))
+        mine.append(1.0 if f.reads == reads else 0.0)
+    which = jnp.floor_divide(p.law, len(PIECES))
+    chosen = [which == i for i in range(len(forms))]
+    pick = lambda items: sum(jnp.where(c, x, 0.0) for c, x in zip(chosen, items, strict=True))  # noqa: E731
+    z, zero, factor, here = (pick(items) for items in (places, zeros, factors, mine))
+    pieces = jnp.where(p.law - which * len(PIECES) == 0, PIECES[0], PIECES[1])
+    out = jnp.zeros_like(z)
+    for k, w in enumerate(WEIGHTS):
+        out = out + getattr(p, w) * (_bell(pieces * z - k) - _bell(pieces * zero - k))
+    return here * factor * out

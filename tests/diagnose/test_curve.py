@@ -1,0 +1,157 @@
+"""A closure as a curve: what a spline can be, that it is found in its balance, and what is read off it."""
+
+import jax
+import numpy as np
+import pytest
+import scipy.integrate
+from diagnose.creeping import AMBIENT
+from diagnose.test_outside import LOSS, lacking_in, recorded, rubbed, rubbed_by_air
+
+from scpjax.diagnose import outside
+from scpjax.diagnose.answer import answer
+from scpjax.diagnose.curve import CURVES, Curve, bend
+from scpjax.diagnose.distil import distilled
+from scpjax.diagnose.outside import level
+from scpjax.diagnose.select import Choice, Evidence
+from scpjax.physics import presets
+from scpjax.physics.catalogue import mechanism
+from scpjax.physics.curves import PIECES, basis, form_of
+from scpjax.physics.model import Model
+from scpjax.report.report import write_diagnosis
+from scpjax.simulate.simulate import simulate
+
+PLACES = np.linspace(0.0, 1.0, 200)
+
+
+@pytest.mark.parametrize("zero", [0.0, 0.4])
+def test_splines_are_zero_at_rest_and_come_close_to_smooth_curves(zero):
+    for wanted, off in ((np.expm1(PLACES) - np.expm1(zero), 1e-3), (np.tanh(4 * PLACES) - np.tanh(4 * zero), 2e-2)):
+        apart = []
+        for pieces in PIECES:
+            matrix = basis(PLACES, zero, pieces)
+            assert np.all(basis(np.array([zero]), zero, pieces) == 0)
+            weights = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
+            apart.append(float(np.max(np.abs(matrix @ weights - wanted))))
+        assert apart[0] < off
+        assert apart[1] < apart[0]
+
+
+def test_more_pieces_hold_what_fewer_do():
+    few, many = (basis(PLACES, 0.0, n) for n in PIECES)
+    assert np.max(np.abs(many @ np.linalg.lstsq(many, few, rcond=None)[0] - few)) < 1e-9
+
+
+def grown(model: Model, name: str, law: int, weights: np.ndarray, **ranges: float) -> Model:
+    """A model with a curve in it."""
+    m = mechanism(name)
+    structure = model.structure.with_mechanisms(m)
+    theta = structure.typical()
+    theta[: len(model.structure.slots)] = np.asarray(model.theta)
+    values = {f"{name}.{p.name}": w for p, w in zip(m.free_parameters(law), weights, strict=True)}
+    laws = np.zeros(len(structure.mechanisms))
+    laws[-1] = law
+    values |= {f"{name}.{k}": v for k, v in ranges.items()}
+    return Model(structure, theta, laws, float(model.ambient)).replace(values)
+
+
+def test_a_curve_in_the_heat_balance_is_the_loss_that_it_describes():
+    """Power law of the loss, thesis (3.2) with lambda T (1 + b T / T_ref): the same as its own mechanism."""
+    plant = presets.plant(
+        resistance=1.2, conductance=0.1, thermal_mass=1.0, coefficient=0.02, stiffness=180.0, damping=8.0, mass=0.25
+    )
+    m = mechanism("learned_heat_curve")
+    law = next(i for i in range(len(m.laws)) if form_of(m.forms, i)[0].name == "T s(T)")  # type: ignore[attr-defined]
+    high, grows = 150.0, 0.6
+    line = grows * PLACES  # s(T) = grows T / high: quadratic loss
+    weights = np.linalg.lstsq(basis(PLACES, 0.0, PIECES[0]), line, rcond=None)[0]
+    curved = grown(plant, m.name, law, weights, temperature_low=0.0, temperature_high=high)
+    recording = recorded(lambda t, T, x: 0.0)
+    warm = np.asarray(simulate(curved, recording).outputs)[:, 0] - float(plant.ambient)
+    drive, time = recording.inputs[:, 0], recording.time
+    path = [0.0]
+    for i in range(len(time) - 1):
+        rate = lambda t, z, u=drive[i]: u**2 / 1.2 - 0.1 * z * (1 + grows * z / high)  # noqa: E731
+        path.append(scipy.integrate.solve_ivp(rate, (time[i], time[i + 1]), [path[-1]], rtol=1e-9).y[0, -1])
+    np.testing.assert_allclose(warm, path, atol=1e-3 * np.max(path))
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_a_curve_of_no_weight_changes_nothing(name):
+    plant = presets.plant(
+        resistance=1.2, conductance=0.1, thermal_mass=1.0, coefficient=0.02, stiffness=180.0, damping=8.0, mass=0.25
+    )
+    m = mechanism(name)
+    recording = recorded(lambda t, T, x: 0.0)
+    before = np.asarray(simulate(plant, recording).outputs)
+    run = jax.jit(lambda model: simulate(model, recording).outputs)
+    for law in range(0, len(m.laws), 5):
+        ranges = {"temperature_high": 90.0, "displacement_high": 0.02, "velocity_low": -0.1, "velocity_high": 0.1}
+        model = grown(plant, name, law, np.zeros(len(m.free_parameters(law))), **ranges)
+        np.testing.assert_allclose(np.asarray(run(model)), before, rtol=2e-4, atol=1e-7)
+
+
+def test_a_curve_is_learned_drawn_and_distilled(tmp_path):
+    """A loss that grows with the square of the displacement: found as T s(x) (or T s(T), of the same shape)."""
+    base, parts = rubbed()
+    binned, lacking = lacking_in(base, parts)
+    found = bend(base, parts, Evidence(), ["thermoelectric"])
+    assert found is not None
+    assert level(found.state, parts) < 1.15
+    said = answer(parts, base, Choice(base, (), {}, {}), found, binned, lacking, notes=(), seconds=0.0, settings={})
+    closure = said.closure
+    assert closure is not None
+    assert closure.subsystem == "thermoelectric"
+    drawn = closure.curve
+    assert drawn is not None
+    # as a function it is the concealed loss where the actuator has been, but for what a conductance can take up
+    states = np.asarray(recorded(rubbed_by_air).outputs)
+    warm, moved = states[:, 0] - AMBIENT, states[:, 1]
+    assert drawn.product in ("T s(x)", "T s(T)")
+    at = 1e3 * moved if drawn.variable == "displacement" else warm
+    heat = warm * (
+        np.interp(at, drawn.at, drawn.value) + said.base_parameters["newton_cooling.conductance"].value - LOSS
+    )
+    truth = rubbed_by_air(0.0, warm, moved)
+    assert np.sqrt(np.mean((heat - truth) ** 2)) < 0.1 * np.sqrt(np.mean(truth**2))
+    assert np.all(drawn.std >= 0)
+    assert drawn.share > 0.9
+    assert drawn.expression in closure.expression
+    page = write_diagnosis(said, tmp_path).read_text()
+    assert "smooth curve" in page
+    assert (tmp_path / "figures" / "closure.png").stat().st_size > 5000
+    assert said.to_json()["closure"]["curve"]["product"] == drawn.product
+
+
+@pytest.mark.parametrize(("far", "wanted"), [(1.0, "curve"), (3.0, "terms")])
+def test_terms_are_sought_where_no_curve_comes_down_to_the_noise(monkeypatch, far, wanted):
+    base, parts = rubbed()
+    scaled = type(base)(base.setup, base.trial, base.residual / level(base, parts) * far, base.cost)
+    curve = Curve(scaled, "learned_heat_curve", 0, None)  # type: ignore[arg-type]
+    better = type(base)(base.setup, base.trial, scaled.residual * 0.5, base.cost)
+    monkeypatch.setattr(outside, "bend", lambda *_: curve)
+    monkeypatch.setattr(outside, "learn", lambda *_: type("L", (), {"state": better, "terms": ("a",)})())
+    found = outside.closure(base, parts, Evidence())
+    assert (found is curve) == (wanted == "curve")
+
+
+@pytest.mark.parametrize(
+    ("curve", "words"),
+    [
+        (lambda x: 0.3 * x**2, "0.3 W/(K mm²) x²"),
+        (lambda x: -0.8 * np.tanh(x / 4.0), "tanh(x / "),
+        (lambda x: 2.0 * np.maximum(x - 6.0, 0.0), "max(x - 6 mm, 0)"),
+    ],
+)
+def test_the_expression_is_the_function_that_was_drawn(curve, words):
+    at = np.linspace(0.0, 10.0, 61)
+    said, near, share = distilled(at, curve(at), "displacement", "W/K")
+    assert words in said
+    assert share > 0.995
+    assert np.max(np.abs(near - curve(at))) < 0.06 * np.max(np.abs(curve(at)))
+
+
+def test_what_is_no_simple_function_gets_no_expression():
+    at = np.linspace(0.0, 10.0, 61)
+    said, _, share = distilled(at, np.sin(2 * at), "displacement", "N")
+    assert said == ""
+    assert share < 0.9
