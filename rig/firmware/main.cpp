@@ -28,7 +28,7 @@ uint32_t calibration[4], stamp;
 bool converting;
 
 const char NAME[] PROGMEM = "scpjax-rig";
-const char RELEASE[] PROGMEM = "1.0.0";
+const char RELEASE[] PROGMEM = "1.0.1";
 const char PINS[] PROGMEM = "3:9:A0:A1:A2:A3:A4:A5:7:8:5:6:2:4";
 
 uint16_t position() {

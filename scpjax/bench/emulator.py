@@ -30,7 +30,7 @@ class Board(Controls):
     reset nothing is sent.
     """
 
-    def __init__(self, config: BoardConfig | None = None, version: str = "1.0.0", protocol: int = m.PROTOCOL):
+    def __init__(self, config: BoardConfig | None = None, version: str = "1.0.1", protocol: int = m.PROTOCOL):
         self.version, self.protocol = version, protocol
         self.resets = -1
         super().__init__(config or BoardConfig())

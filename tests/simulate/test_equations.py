@@ -197,8 +197,9 @@ def bent_force(law):
 def softening(law):
     def force(t, z, u):
         r = z[0] / 20
-        share = r if law == 0 else ((r - 0.5) / HOOK(r - 0.5, 0.2) + 0.5 / HOOK(0.5, 0.2)) / 2
-        return PULL * z[0] + K * z[1] * 0.4 * share
+        glass = ((r - 0.5) / HOOK(r - 0.5, 0.2) + 0.5 / HOOK(0.5, 0.2)) / 2
+        lost = (0.4 * r, 0.4 * glass, 1 - np.exp(-0.4 * r))[law]
+        return PULL * z[0] + K * z[1] * lost
 
     return plant(force=force)
 
@@ -243,7 +244,7 @@ TERMS = {
     "drive_dead_zone": (dead_zone, 2),
     "ambient_drift": (drifting_room, 3),
     "nonlinear_thermal_force": (bent_force, 4),
-    "thermal_softening": (softening, 2),
+    "thermal_softening": (softening, 3),
     "slack": (slack, 2),
     "fatigue": (tiring, 3),
     "antagonist_load": (pulled_back, 3),

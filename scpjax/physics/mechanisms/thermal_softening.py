@@ -15,7 +15,7 @@ class ThermalSoftening(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "law linear: F = -k x (1 - a T/T_ref);  law glass transition: F = -k x (1 - a s(T)), "
-        "s from 0 to 1 about T_g over the width w"
+        "s from 0 to 1 about T_g over the width w;  law exponential: F = -k x exp(-a T/T_ref)"
     )
     source = (
         "modulus of nylon against temperature, halved through its glass transition at 40 to 60 degC: "
@@ -24,15 +24,15 @@ class ThermalSoftening(Mechanism):
     says = "Warm polymer is softer than cold polymer, so the coil's stiffness falls as it heats."
     needs = ("mechanical",)
     excited_by = "the same load at several temperatures"
-    laws = ("linear", "glass transition")
+    laws = ("linear", "glass transition", "exponential")
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {"transition": (1,), "width": (1,)}
     parameters = (
         Parameter(
             name="softening",
             symbol="a",
             unit="1",
-            description="share of the stiffness that is lost: at the reference excess (linear), far beyond the "
-            "transition (glass transition)",
+            description="share of the stiffness that is lost: at the reference excess (linear; exponential: its "
+            "logarithm), far beyond the transition (glass transition)",
             typical=0.3,
             bounds=(0.003, 0.95),
             null=0.0,
@@ -74,4 +74,5 @@ class ThermalSoftening(Mechanism):
     def force(self, p: Values, view: View) -> Side:
         t = view.actuating / p.reference
         lost = p.softening * jnp.where(p.law == 0, t, rise(t, p.transition, p.width))
+        lost = jnp.where(p.law == 2, -jnp.expm1(-p.softening * t), lost)
         return view.shared["stiffness"] * view.deflection * jnp.minimum(lost, 0.98)

@@ -17,7 +17,7 @@ def test_banner_says_version_pins_and_limits(board):
     talk = Talk(device)
     talk.send("?")
     (banner,) = of(Banner, talk.wait(0.1))
-    assert (banner.name, banner.protocol, banner.version, banner.tick_hz) == ("scpjax-rig", 1, "1.0.0", 200)
+    assert (banner.name, banner.protocol, banner.version, banner.tick_hz) == ("scpjax-rig", 1, "1.0.1", 200)
     assert banner.pins[:2] == ("3", "9")
     assert (banner.max_temperature_C, banner.max_energy_J) == (95, 321)
     assert (banner.sustained_power_W, banner.max_on_s, banner.max_current_A) == (6, 600, 9)
