@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from scpjax.diagnose.answer import answer
+from scpjax.diagnose.exchange import exchanged
 from scpjax.diagnose.holdout import Split, split
 from scpjax.diagnose.latent import missing
 from scpjax.diagnose.locate import observe
@@ -115,6 +116,7 @@ def _chosen(
         choice = choose_together(base, parts, options.evidence, catalogue, progress=tell)
     else:
         choice = choose(base, parts, options.evidence, catalogue, max_steps=options.max_steps, progress=tell)
+        choice = exchanged(choice, parts, options.evidence)
     if not choice.state.names:
         return parts, choice
     problem = choice.state.setup

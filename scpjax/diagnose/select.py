@@ -224,7 +224,7 @@ def choose(
         further = [b for way in branches for b in _one_more(search, way, round_, tell)]
         leader = further[0]
         for b in further[1:]:
-            if _is_better(b.state, leader.state, split, rules):
+            if is_better(b.state, leader.state, split, rules):
                 leader = b
         if leader.ended or at_noise(leader.state, split):
             break
@@ -253,19 +253,19 @@ def _one_more(search: _Search, way: _Branch, round_: int, tell: Callable[[str], 
         like = equals(c, accepted, way.state, split)
         state = afresh(c.state, split)
         state = _other_laws(state, c.added, split, rules)
-        state = _prune(state, split, rules)
+        state = prune(state, split, rules)
         chance = way.chance | {c.added: p[c.added] + sum(p[e] for e in like)}
         out.append(_Branch(state, ranking, chance, way.equivalents | {c.added: like}))
     return out
 
 
-def _is_better(a: State, b: State, split: Split, rules: Evidence) -> bool:
+def is_better(a: State, b: State, split: Split, rules: Evidence) -> bool:
     """Whether one hypothesis has more evidence for it than another: BIC, as for mechanisms."""
     extra = moving(a) - moving(b)
     return compare(b, a, "", "", split, rules, extra).delta_bic > 0
 
 
-def _prune(state: State, split: Split, rules: Evidence) -> State:
+def prune(state: State, split: Split, rules: Evidence) -> State:
     """Take out what is not missed: what a later mechanism has made superfluous, and the last one where it only led the
     others to a better fit.
     """

@@ -37,11 +37,11 @@ def played(monkeypatch, misfits: dict[str, float]) -> list[tuple[str, ...]]:
     monkeypatch.setattr(select, "try_all", with_one_more)
     monkeypatch.setattr(select, "afresh", lambda state, split: state)
     monkeypatch.setattr(select, "_other_laws", lambda state, name, split, rules: state)
-    monkeypatch.setattr(select, "_prune", lambda state, split, rules: state)
+    monkeypatch.setattr(select, "prune", lambda state, split, rules: state)
     monkeypatch.setattr(select, "equals", lambda best, others, before, split: ())
     monkeypatch.setattr(select, "worthwhile", lambda *_: True)
     monkeypatch.setattr(select, "at_noise", lambda state, split: state.cost <= 1)
-    monkeypatch.setattr(select, "_is_better", lambda a, b, split, rules: a.cost < b.cost)
+    monkeypatch.setattr(select, "is_better", lambda a, b, split, rules: a.cost < b.cost)
     return asked
 
 
@@ -85,8 +85,8 @@ def test_what_only_led_the_others_to_a_better_fit_is_taken_out(monkeypatch):
     monkeypatch.setattr(select, "without", lambda s, name, split: state(tuple(n for n in s.names if n != name)))
     missed = lambda fewer, s, name, *_: SimpleNamespace(accepted=name != "b")  # noqa: E731
     monkeypatch.setattr(select, "compare", missed)
-    assert select._prune(state(("a", "b")), None, Evidence()).names == ("a",)  # type: ignore[arg-type]
-    assert select._prune(state(("a", "c")), None, Evidence()).names == ("a", "c")  # type: ignore[arg-type]
+    assert select.prune(state(("a", "b")), None, Evidence()).names == ("a",)  # type: ignore[arg-type]
+    assert select.prune(state(("a", "c")), None, Evidence()).names == ("a", "c")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("taken", "abreast", "fitted"), [(0.9, 0, 5), (0.3, 0, 10), (0.9, 6, 7), (0.9, 14, 10)])
