@@ -18,7 +18,6 @@ _LITTLE_LEFT = 0.05  # of the held-out misfit in excess of the noise: what names
 _NEAR_NOISE = 4.0  # ratio of residual to noise, up to which what is left may be the form of a law
 _BEHIND = 0.05  # of the misfit, by which a balance may answer for less than the best and be in question too
 _COMPLETE = 0.1  # of the misfit: what a closure alone may leave to be an explanation in place of names
-_MOST_LEFT = 0.5  # of the held-out misfit: names that leave more are not believed
 _FAR_BETTER = 0.5  # ratio of what it leaves to what the names leave, below which they are false
 
 
@@ -63,8 +62,7 @@ def beyond_names(
 ) -> tuple[Choice, Learned | Curve | None]:
     """What is to be said when the named mechanisms do not reach the noise.
 
-    Names are false if a closure without them explains nearly all of the held-out misfit, and far better than they do,
-    and not believed where they leave most of it.
+    Names are false if a closure without them explains nearly all of the held-out misfit, and far better than they do.
     A closure is learned beyond the names that stay; in their balances, as a correction of their laws, where they leave
     little. A last name that came where little was left is false if such a correction does better in its place.
     """
@@ -78,8 +76,6 @@ def beyond_names(
             return choice, None
         return choice, _correction(choice.state, parts, rules)
     alone = closure(base, parts, rules, where)
-    if left > _MOST_LEFT * whole:
-        choice = Choice(base, choice.ranking, {}, {})
     if not choice.state.names:
         return choice, alone
     if alone is not None and _unexplained(alone.state, held) < min(_COMPLETE * whole, _FAR_BETTER * left):

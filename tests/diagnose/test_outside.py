@@ -220,16 +220,3 @@ def test_a_law_of_another_form_is_named_and_corrected():
     assert said.verdict == ("explained" if level(learned.state, parts) <= 1.15 else "unexplained")
     assert said.closure is not None
     assert said.closure.expression in said.says
-
-
-@pytest.mark.parametrize(("leaves", "believed"), [(0.4, True), (0.7, False)])
-def test_names_that_leave_most_of_the_misfit_are_not_believed(monkeypatch, leaves, believed):
-    base, parts = rubbed()
-    named = added(base, "sensor_lag", parts)
-    held = parts.is_held
-    whole = float(np.sum(base.residual[held] ** 2) - held.sum())
-    now = float(np.sum(named.residual[held] ** 2))
-    named = replace(named, residual=named.residual * np.sqrt((leaves * whole + held.sum()) / now))
-    monkeypatch.setattr(outside, "closure", lambda *_: None)
-    choice, _ = beyond_names(parts, base, Choice(named, (), {"sensor_lag": 0.9}, {}), Evidence(), ["sensor"])
-    assert (choice.state.names == ("sensor_lag",)) == believed
