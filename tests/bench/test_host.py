@@ -40,7 +40,9 @@ def test_a_stalled_host_loses_the_drive_and_is_told(tmp_path):
 
 
 HOST = """
+import signal
 import sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what a shell began in the background
 from scpjax.bench.device import PortDevice
 from scpjax.bench.rig import Rig, RigOptions
 with Rig(PortDevice(sys.argv[1]), options=RigOptions(every=1)) as rig:
