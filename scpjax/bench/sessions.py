@@ -265,12 +265,13 @@ def characterise(
             if tell is not None:
                 tell(f"{mass:g} kg: resting", i / runs)
             rest(rig)
-            seen = stand(rig)
-            series.append(Hung(mass, law.value(seen.counts), seen.error))
-            w = replace(rig.wiring, position=replace(law, zero=round(seen.counts, 3)))
-            rig.wiring = with_known(w, moving_mass_kg=mass)
+            rig.wiring = with_known(replace(rig.wiring, position=law), moving_mass_kg=mass)
+            path = folder.parent / "weights" / f"{i}_{mass:g}kg"
+            seen = stand(rig, path.with_name(f"{path.name}_standing.csv"))
+            series.append(Hung(mass, seen.m, seen.error))
+            rig.wiring = replace(rig.wiring, position=replace(law, zero=round(seen.counts, 3)))
             if i < len(options.weights) - 1:
-                path = folder.parent / "weights" / f"{i}_{mass:g}kg_step_{top:g}V.csv"
+                path = path.with_name(f"{path.name}_step_{top:g}V.csv")
                 steps.append(run(i, path, "step_difference", replace(base, high=top)))
                 series[-1] = replace(series[-1], lift=_lift(steps[-1]), volts=top)
         found = stiffness(series)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -74,15 +75,19 @@ class Stiffness:
         return text
 
 
-def stand(rig: Rig) -> Standing:
-    """Position over 3 s; its error holds the noise, half a step of the sensor and what it still moves.
+def stand(rig: Rig, path: str | os.PathLike[str]) -> Standing:
+    """Position over 3 s, recorded; its error holds the noise, half a step of the sensor and what it still moves.
 
     **Raises** `BenchError` without a position sensor, for echoes that are lost, and at the end of a potentiometer.
     """
     law = rig.wiring.position
     if law.source == "none":
         raise BenchError("no position sensor is fitted", mend="a series of weights needs one; see [position]")
-    raw = np.array([rig.wiring.measured(sample) for _, sample in rig.samples(_LOOK_S)])
+    rig.record(path, title="standing under a weight")
+    try:
+        raw = np.array([rig.wiring.measured(sample) for _, sample in rig.samples(_LOOK_S)])
+    finally:
+        rig.end_recording()
     raw = raw[np.isfinite(raw)]
     if len(raw) < 4:
         raise BenchError("the position sensor does not answer", mend="look at its wires")

@@ -204,8 +204,7 @@ def hang(b: Bench, mass: float) -> None:
     while reader.is_alive():
         b.rig.wait(0.5, lambda: not reader.is_alive())
     if not said or not said[0]:
-        mend = "run it in a terminal, or give it a line for each weight: yes '' | scpjax rig characterise ..."
-        raise BenchError("nobody to hang the weights", where="--weights", mend=mend)
+        raise BenchError("nobody to hang the weights", where="--weights", mend="run it in a terminal")
 
 
 def _fit_into(arguments: Namespace, found: Characterised, wiring: Wiring, out: Path) -> None:

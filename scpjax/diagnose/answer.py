@@ -47,9 +47,11 @@ def answer(
     doubt = uncertainty(final, final_data, problem.space, coloured=final_data is parts.whole)
     every = estimates(final, problem.space, doubt)
     named = _named(choice, every)
-    closure = None
-    if learned is not None:
-        closure = draw(learned, every, doubt) if isinstance(learned, Curve) else describe(learned, every)
+    fitted, closure = final_model(problem, final), None
+    if isinstance(learned, Curve):
+        closure = draw(learned, every, fitted.values(), doubt)
+    elif learned is not None:
+        closure = describe(learned, every, fitted.values())
     subsystem = _subsystem(choice, closure, lacking)
     verdict, says = _verdict(base, choice.state, state, parts, named, closure)
     model = " + ".join((setup.structure.name, *choice.state.names, *(["closure"] if learned else [])))
@@ -66,7 +68,7 @@ def answer(
         base_parameters={k: e for k, e in every.items() if k.split(".")[0] in setup.structure.base},
         not_identifiable=doubt.open_directions,
         notes=setup.notes + notes,
-        model=final_model(problem, final),
+        model=fitted,
         base_model=final_model(setup, base_final),
         traces=traces(setup, parts.whole, base.trial, state.trial, parts.mask, extended_setup=problem),
         seconds=seconds,

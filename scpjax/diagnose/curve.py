@@ -1,4 +1,4 @@
-"""A closure as a smooth curve of one variable, where sums of simple terms leave too much: a spline in the balance.
+"""A closure as a smooth curve of one variable, times at most one other: a spline in the balance.
 
 Which curves to try is read off one linearisation of the simulation; each is then fitted through the simulation with
 all base parameters, with few pieces and with many, and judged on stretches held out from the fit.
@@ -107,7 +107,7 @@ def ranges(state: State, split: Split) -> dict[str, float]:
         x = x[np.isfinite(x)]
         low, high = min(float(x.min()), 0.0), max(float(x.max()), 0.0)
         margin = _MARGIN * (high - low) or 1.0
-        if v == "displacement" and sides == 2:  # each side sees its own contraction
+        if v in ("displacement", "velocity") and sides == 2:  # each side sees its own contraction
             low, high = min(low, -high), max(high, -low)
         out[f"{v}_low"], out[f"{v}_high"] = (low - margin if low < 0 else 0.0), high + margin
     return out

@@ -10,24 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from scpjax.diagnose.curve import Curve
+from scpjax.diagnose.expression import SHOWN, WHAT, scale_of
 from scpjax.diagnose.result import Closure, Drawn
 from scpjax.fit.identifiability import Uncertainty
 from scpjax.fit.result import Estimate
 from scpjax.physics.curves import SYMBOLS, basis
 
-_SHOWN = {
-    "temperature": ("K", 1.0),
-    "displacement": ("mm", 1e3),
-    "velocity": ("mm/s", 1e3),
-    "effort": ("drive", 1.0),
-    "": ("", 1.0),
-}
-_WHAT = {
-    ("learned_heat_curve", ""): ("heat lost", "W", 1.0),
-    ("learned_force_curve", ""): ("force against contraction", "N", 1.0),
-    ("learned_reading_curve", "temperature"): ("thermometer reads too much by", "K", 1.0),
-    ("learned_reading_curve", "displacement"): ("displacement reads too much by", "mm", 1e3),
-}
 _POINTS = 61
 _CLOSE = 0.995  # share of a curve's variation with which one function is enough
 _FAIR = 0.9  # with less, no expression is given
@@ -67,47 +55,41 @@ _LIBRARY = (
 )
 
 
-def draw(found: Curve, every: Mapping[str, Estimate], doubt: Uncertainty) -> Closure:
+def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float], doubt: Uncertainty) -> Closure:
     """The closure with its curve in units, its 95 % band, and an expression distilled from it (sparse regression over
-    physical functions: Brunton, Proctor, Kutz, PNAS 113 (2016) 3932); ``every`` and ``doubt`` are of its final fit.
+    physical functions: Brunton, Proctor, Kutz, PNAS 113 (2016) 3932); ``every``, ``values`` (as of `describe`) and
+    ``doubt`` are of its final fit.
     """
-    form, value = found.form, {k: e.value for k, e in every.items()}
+    form = found.form
     low, high = (found.reference(f"{form.variable}_{end}") for end in ("low", "high"))
-    what, unit, shown = _WHAT[found.mechanism, form.reads]
-    scale = (
-        shown
-        * {
-            "learned_heat_curve": value.get("newton_cooling.conductance", 1.0) * found.reference("temperature_high"),
-            "learned_force_curve": value.get("elastic_spring.stiffness", 1.0) * found.reference("displacement_high"),
-            "learned_reading_curve": found.reference(f"{form.reads or 'temperature'}_high"),
-        }[found.mechanism]
-    )
+    place = found.mechanism.removesuffix("_curve") + (f" {form.reads}" if form.reads else "")
+    what, unit, subsystem = WHAT[place]
+    scale = scale_of(place, values, found.reference("temperature_high"), found.reference("displacement_high"))
     if form.factor:
-        scale /= found.reference(f"{form.factor}_high") * _SHOWN[form.factor][1]
+        scale /= found.reference(f"{form.factor}_high") * SHOWN[form.factor][1]
     z = np.linspace(0.0, 1.0, _POINTS)
     matrix = scale * basis(z, min(max(-low / (high - low), 0.0), 1.0), found.pieces)
-    weights = np.array([value[k] for k in found.keys])
+    weights = np.array([every[k].value for k in found.keys])
     index = [doubt.keys.index(k) for k in found.keys]
     spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", matrix, doubt.covariance[np.ix_(index, index)], matrix), 0.0))
-    at = (low + z * (high - low)) * _SHOWN[form.variable][1]
+    at = (low + z * (high - low)) * SHOWN[form.variable][1]
     curve = matrix @ weights
-    per = f"{unit}/{_SHOWN[form.factor][0]}" if form.factor else unit
+    per = f"{unit}/{SHOWN[form.factor][0]}" if form.factor else unit
     expression, near, share = distilled(at, curve, form.variable, per)
     product = f"{SYMBOLS[form.factor]} s({SYMBOLS[form.variable]})".strip()
     says = f"{what} = {product}, s from 0 to {curve[np.argmax(np.abs(curve))]:.3g} {per}"
     if expression:
         says += f", s ≈ {expression}"
     variables = [("drive" if v == "effort" else v) for v in (form.factor, form.variable) if v]
-    subsystem = {"heat": "thermoelectric", "force": "thermomechanical"}.get(found.mechanism.split("_")[1], "sensor")
     return Closure(
         subsystem,
-        found.mechanism.removesuffix("_curve") + (f" {form.reads}" if form.reads else ""),
+        place,
         tuple(dict.fromkeys(variables)),
         says,
         {k: every[k] for k in found.keys},
         found.evidence.held_out_gain,
         found.evidence.delta_bic,
-        Drawn(form.variable, _SHOWN[form.variable][0], product, per, at, curve, spread, expression, near, share),
+        Drawn(form.variable, SHOWN[form.variable][0], product, per, at, curve, spread, expression, near, share),
     )
 
 
@@ -139,7 +121,7 @@ def distilled(at: np.ndarray, curve: np.ndarray, variable: str, unit: str) -> tu
 
 
 def _written(functions: Sequence[_Function], weights: np.ndarray, variable: str, unit: str, far: float) -> str:
-    symbol, (own, _) = SYMBOLS[variable], _SHOWN[variable]
+    symbol, (own, _) = SYMBOLS[variable], SHOWN[variable]
     pieces = []
     for f, w in zip(functions, weights, strict=True):
         size = abs(w) / far**f.power

@@ -17,28 +17,33 @@ _SYMBOLS = (
     ("velocity", "v", "mm/s", 1e3),
     ("effort", "u", "drive", 1.0),
 )
+SHOWN = {name: (unit, factor) for name, _, unit, factor in _SYMBOLS}
+"""Unit in which a variable is written, and how many of it are in one of SI."""
 _RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
-_WHAT = {
+WHAT = {
     "learned_heat": ("heat lost", "W", "thermoelectric"),
     "learned_force": ("force against contraction", "N", "thermomechanical"),
     "learned_reading temperature": ("thermometer reads too much by", "K", "sensor"),
     "learned_reading displacement": ("displacement reads too much by", "mm", "sensor"),
 }
+"""What stands in a place, in which unit, in which balance."""
 
 
-def describe(found: Learned, every: Mapping[str, Estimate]) -> Closure:
-    """The closure as an expression with units; ``every`` holds the estimates of its final fit by key."""
+def of_base(values: Mapping[str, float], key: str) -> float:
+    """A base parameter of a model, fitted or held; the mean where its sides differ."""
+    found = [v for k, v in values.items() if k.split("@")[0] == key]
+    return float(np.mean(found))
+
+
+def describe(found: Learned, every: Mapping[str, Estimate], values: Mapping[str, float]) -> Closure:
+    """The closure as an expression with units; ``every`` holds the estimates of its final fit by key, ``values`` all
+    parameters of its model, the held ones too.
+    """
     problem, place = found.state.setup, place_of(found.terms[0])
-    what, unit, subsystem = _WHAT[place]
+    what, unit, subsystem = WHAT[place]
     terms = {o.key: o.term for o in offers(problem)}
     reference = references(problem)
-    value = lambda key: float(every[key].value) if key in every else 1.0  # noqa: E731
-    scale = {
-        "learned_heat": value("newton_cooling.conductance") * reference["reference_temperature"],
-        "learned_force": value("elastic_spring.stiffness") * reference["reference"],
-        "learned_reading temperature": reference["reference_temperature"],
-        "learned_reading displacement": reference["reference"] * 1e3,
-    }[place]
+    scale = scale_of(place, values, reference["reference_temperature"], reference["reference"])
     pieces, variables, in_si = [], [], {}
     for key in found.terms:
         term, e = terms[key], every[key]
@@ -63,6 +68,15 @@ def describe(found: Learned, every: Mapping[str, Estimate]) -> Closure:
         found.evidence.held_out_gain,
         found.evidence.delta_bic,
     )
+
+
+def scale_of(place: str, values: Mapping[str, float], temperature: float, displacement: float) -> float:
+    """What one stands for in a place, in the unit of `WHAT`; references [K], [m]."""
+    if place == "learned_heat":
+        return of_base(values, "newton_cooling.conductance") * temperature
+    if place == "learned_force":
+        return of_base(values, "elastic_spring.stiffness") * displacement
+    return temperature if place == "learned_reading temperature" else 1e3 * displacement
 
 
 def _product(term: Term) -> tuple[str, str]:

@@ -96,7 +96,7 @@ def parameters() -> tuple[Parameter, ...]:
 
 
 def basis(z: np.ndarray, zero: float, pieces: int) -> np.ndarray:
-    """(n, pieces + 2) of the places z in the range, as `value` has them."""
+    """(n, pieces + 2) of the places z in the range, as `product` has them."""
     k = np.arange(pieces + 2)
     return np.asarray(_bell(pieces * z[:, None] - k) - _bell(pieces * zero - k))
 

@@ -100,6 +100,12 @@ def test_a_series_of_weights_gives_stiffness_and_force_apart(board, tmp_path):
     assert [dict(r.metadata.known)["moving_mass_kg"] for r in found.steps] == [0.1, 0.2]
     for r in (*found.steps, *found.recordings):
         assert abs(np.mean(r.output("displacement")[:10])) < 5e-5
+    standing = sorted((tmp_path / "weights").glob("*_standing.csv"))
+    assert len(standing) == 3
+    for file, hung in zip(standing, found.series, strict=True):  # what the stiffness rests on is on disk
+        assert file.with_suffix(".raw").read_bytes().count(b"$D") >= 25
+        at = [float(row["displacement_mm"]) for row in csv.DictReader(file.open())]
+        assert np.mean(at) == pytest.approx(1e3 * hung.position, abs=5e-3)
     lifts = [h.lift for h in found.series]
     assert max(lifts) - min(lifts) < 1e-4
     assert min(lifts) > 4e-3
@@ -112,14 +118,14 @@ def test_a_series_of_weights_gives_stiffness_and_force_apart(board, tmp_path):
     assert "Weight (g)" in section(found.series, found.stiffness, image, ["seen"])
 
 
-def test_creep_is_waited_for_so_that_the_stiffness_is_that_of_the_crept_fibre():
+def test_creep_is_waited_for_so_that_the_stiffness_is_that_of_the_crept_fibre(tmp_path):
     made = simulated("muscle", concealed=["creep:compliance=0.3,time_constant=12"], noise=Noise(volts=0.0))
     seen = []
     with Rig(EmulatedDevice(made.world, config=made.config), made.wiring, options=RigOptions(every=20)) as rig:
         for mass in (0.1, 0.3):
             made.world.hang(mass)
             rest(rig)
-            at = stand(rig)
+            at = stand(rig, tmp_path / f"{mass}.csv")
             seen.append(Hung(mass, at.m, at.error))
     assert stiffness(seen).value == pytest.approx(K / 1.3, rel=0.02)
 
@@ -132,13 +138,13 @@ def test_creep_is_waited_for_so_that_the_stiffness_is_that_of_the_crept_fibre():
         (Position(), 0.0, "at its"),
     ],
 )
-def test_where_no_position_can_be_read(position, volts, words):
+def test_where_no_position_can_be_read(position, volts, words, tmp_path):
     wiring = Wiring(position=position, thermistors=Thermistors())
     with (
         Rig(EmulatedDevice(Still((0.5, 0.5, volts, 0.0, 3.0, 3.0))), wiring, options=RigOptions(every=20)) as rig,
         pytest.raises(BenchError, match=words),
     ):
-        stand(rig)
+        stand(rig, tmp_path / "a.csv")
 
 
 def test_a_joint_has_no_series(tmp_path):

@@ -85,6 +85,28 @@ def test_record_then_play_what_was_recorded(tmp_path, capsys):
     assert "samples, 0 frames lost" in capsys.readouterr().out
 
 
+def test_characterise_with_weights_leaves_a_bench_and_a_model_that_fit_together(tmp_path, capsys):
+    bench, out = tmp_path / "bench.toml", tmp_path / "found"
+    assert main(["rig", "calibrate", "--port", "sim", "--out", str(bench), "--quiet"]) == 0
+    call = ["rig", "characterise", "--port", "sim", "--bench", str(bench), "--levels", "3", "--duration", "20"]
+    assert main([*call, "--weights", "0.15,0.25", "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "stiffness 18" in said
+    assert "a third would show" in said
+    assert "under 0.15 kg, Displacement" in said
+    series = json.loads((out / "weights.json").read_text())
+    assert series["stiffness_N_per_m"]["ci95"][0] < 180 < series["stiffness_N_per_m"]["ci95"][1]
+    page = (out / "report.html").read_text()
+    assert "A series of weights" in page
+    assert "elastic_spring.stiffness = 1" in page  # held, and said so
+    assert (out / "figures" / "weights.png").stat().st_size > 5000
+    again = ["rig", "record", "--port", "sim", "--bench", str(out / "bench.toml"), "--excite", "step"]
+    assert main([*again, "--duration", "10", "--out", str(tmp_path / "a.csv"), "--quiet"]) == 0
+    known = dict(read_recording(tmp_path / "a.csv").metadata.known)
+    assert known["moving_mass_kg"] == 0.25
+    assert known["stiffness_N_per_m"] == pytest.approx(series["stiffness_N_per_m"]["value"], rel=1e-4)
+
+
 def test_loop_writes_the_columns_of_the_loop(tmp_path, capsys):
     out = tmp_path / "loop.csv"
     call = ["rig", "loop", "--port", "sim", "--sim", "thesis", "--duration", "10", "--amplitude", "10"]

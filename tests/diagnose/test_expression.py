@@ -16,6 +16,7 @@ from scpjax.recordings import excitation
 from scpjax.recordings.recording import Metadata, Recording
 
 CONDUCTANCE, STIFFNESS, WEIGHT = 0.14, 180.0, -0.37
+BASE = {"newton_cooling.conductance@agonist": CONDUCTANCE, "elastic_spring.stiffness": STIFFNESS}
 LEARNED = [mechanism(n) for n in ("learned_heat", "learned_force", "learned_reading")]
 EVERY = [f"{m.name}.{t.name}" for m in LEARNED for t in m.terms]  # pyright: ignore[reportAttributeAccessIssue]
 RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789")
@@ -49,10 +50,9 @@ def number(words: str) -> float:
 def test_words_of_every_term_are_what_it_does(key):
     setup = problem()
     term = next(o.term for o in offers(setup) if o.key == key)
-    known = {"newton_cooling.conductance": CONDUCTANCE, "elastic_spring.stiffness": STIFFNESS, key: WEIGHT}
-    every = {k: Estimate(v, 0.01 * abs(v), "1", 0.0, 0.0) for k, v in known.items()}
+    every = {key: Estimate(WEIGHT, 0.01 * abs(WEIGHT), "1", 0.0, 0.0)}  # the base parameters are held: no estimates
     judged = SimpleNamespace(held_out_gain=0.5, delta_bic=20.0)
-    closure = describe(Learned(SimpleNamespace(setup=setup), (key,), judged), every)  # type: ignore[arg-type]
+    closure = describe(Learned(SimpleNamespace(setup=setup), (key,), judged), every, BASE)  # type: ignore[arg-type]
     r = references(setup)
     shape = (31.0 / r["reference_temperature"]) ** term.temperature * (2.5e-3 / r["reference"]) ** term.displacement
     shape *= (4e-3 / r["velocity_scale"]) ** term.velocity * (3.0 / r["effort_scale"]) ** term.effort
@@ -72,5 +72,5 @@ def test_a_power_of_a_speed_is_not_an_acceleration():
     every = {"learned_force.v_speed": Estimate(1.0, 0.1, "1", 0.0, 0.0)}
     judged = SimpleNamespace(held_out_gain=0.5, delta_bic=20.0)
     state = SimpleNamespace(setup=problem())
-    said = describe(Learned(state, tuple(every), judged), every).expression  # type: ignore[arg-type]
+    said = describe(Learned(state, tuple(every), judged), every, BASE).expression  # type: ignore[arg-type]
     assert said.endswith("N/((mm/s)²) |v| v")
