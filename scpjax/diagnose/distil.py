@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scpjax.diagnose.curve import Curve
-from scpjax.diagnose.expression import SHOWN, WHAT, scale_of
+from scpjax.diagnose.expression import WHAT, scale_of, shown
 from scpjax.diagnose.result import Closure, Drawn
 from scpjax.fit.identifiability import Uncertainty
 from scpjax.fit.result import Estimate
@@ -60,22 +60,23 @@ def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float
     physical functions: Brunton, Proctor, Kutz, PNAS 113 (2016) 3932); ``every``, ``values`` (as of `describe`) and
     ``doubt`` are of its final fit.
     """
-    form = found.form
+    form, units = found.form, shown(found.state.setup.structure.drive)
+    own, own_size = units[form.variable]
     low, high = (found.reference(f"{form.variable}_{end}") for end in ("low", "high"))
     place = found.mechanism.removesuffix("_curve") + (f" {form.reads}" if form.reads else "")
     what, unit, subsystem = WHAT[place]
     scale = scale_of(place, values, found.reference("temperature_high"), found.reference("displacement_high"))
     if form.factor:
-        scale /= found.reference(f"{form.factor}_high") * SHOWN[form.factor][1]
+        scale /= found.reference(f"{form.factor}_high") * units[form.factor][1]
     z = np.linspace(0.0, 1.0, _POINTS)
     matrix = scale * basis(z, min(max(-low / (high - low), 0.0), 1.0), found.pieces)
     weights = np.array([every[k].value for k in found.keys])
     index = [doubt.keys.index(k) for k in found.keys]
     spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", matrix, doubt.covariance[np.ix_(index, index)], matrix), 0.0))
-    at = (low + z * (high - low)) * SHOWN[form.variable][1]
+    at = (low + z * (high - low)) * own_size
     curve = matrix @ weights
-    per = f"{unit}/{SHOWN[form.factor][0]}" if form.factor else unit
-    expression, near, share = distilled(at, curve, form.variable, per)
+    per = f"{unit}/{units[form.factor][0]}" if form.factor else unit
+    expression, near, share = distilled(at, curve, SYMBOLS[form.variable], own, per)
     product = f"{SYMBOLS[form.factor]} s({SYMBOLS[form.variable]})".strip()
     says = f"{what} = {product}, s from 0 to {curve[np.argmax(np.abs(curve))]:.3g} {per}"
     if expression:
@@ -89,13 +90,13 @@ def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float
         {k: every[k] for k in found.keys},
         found.evidence.held_out_gain,
         found.evidence.delta_bic,
-        Drawn(form.variable, SHOWN[form.variable][0], product, per, at, curve, spread, expression, near, share),
+        Drawn(form.variable, own, product, per, at, curve, spread, expression, near, share),
     )
 
 
-def distilled(at: np.ndarray, curve: np.ndarray, variable: str, unit: str) -> tuple[str, np.ndarray, float]:
+def distilled(at: np.ndarray, curve: np.ndarray, symbol: str, own: str, unit: str) -> tuple[str, np.ndarray, float]:
     """(expression, its values, share of the curve's variation that it has): one function of the library, or two where
-    one is not close; no expression where two are not either.
+    one is not close; no expression where two are not either. ``symbol`` and ``own`` are the variable's symbol and unit.
     """
     far = float(np.max(np.abs(at)))
     y, total = at / far, float(np.sum(curve**2))
@@ -117,16 +118,15 @@ def distilled(at: np.ndarray, curve: np.ndarray, variable: str, unit: str) -> tu
     if share < _FAIR:
         return "", curve, share
     near = np.stack([columns[i] for i in sets], axis=1) @ weights
-    return _written([usable[i] for i in sets], weights, variable, unit, far), near, share
+    return _written([usable[i] for i in sets], weights, symbol, own, unit, far), near, share
 
 
-def _written(functions: Sequence[_Function], weights: np.ndarray, variable: str, unit: str, far: float) -> str:
-    symbol, (own, _) = SYMBOLS[variable], SHOWN[variable]
+def _written(functions: Sequence[_Function], weights: np.ndarray, symbol: str, own: str, unit: str, far: float) -> str:
     pieces = []
     for f, w in zip(functions, weights, strict=True):
         size = abs(w) / far**f.power
         raised = str(f.power).translate(_SUPER) if f.power > 1 else ""
-        own_unit = f"({own})" if "/" in own and raised else own
+        own_unit = f"({own})" if raised and not own.isalpha() else own
         units = unit if not f.power else f"{unit}{'/' if '/' not in unit else ' '}{own_unit}{raised}"
         if f.power and "/" in unit:
             head, tail = unit.split("/", 1)

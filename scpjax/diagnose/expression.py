@@ -9,16 +9,10 @@ import numpy as np
 from scpjax.diagnose.closure import Learned, offers, place_of, references
 from scpjax.diagnose.result import Closure
 from scpjax.fit.result import Estimate
+from scpjax.physics.curves import SYMBOLS
+from scpjax.physics.structure import EFFORT_UNITS, DriveKind
 from scpjax.physics.terms import Term
 
-_SYMBOLS = (
-    ("temperature", "T", "K", 1.0),
-    ("displacement", "x", "mm", 1e3),
-    ("velocity", "v", "mm/s", 1e3),
-    ("effort", "u", "drive", 1.0),
-)
-SHOWN = {name: (unit, factor) for name, _, unit, factor in _SYMBOLS}
-"""Unit in which a variable is written, and how many of it are in one of SI."""
 _RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 WHAT = {
     "learned_heat": ("heat lost", "W", "thermoelectric"),
@@ -27,6 +21,16 @@ WHAT = {
     "learned_reading displacement": ("displacement reads too much by", "mm", "sensor"),
 }
 """What stands in a place, in which unit, in which balance."""
+
+
+def shown(drive: DriveKind) -> dict[str, tuple[str, float]]:
+    """Unit in which each variable is written, and how many of it are in one of SI."""
+    return {
+        "temperature": ("K", 1.0),
+        "displacement": ("mm", 1e3),
+        "velocity": ("mm/s", 1e3),
+        "effort": (EFFORT_UNITS[drive], 1.0),
+    }
 
 
 def of_base(values: Mapping[str, float], key: str) -> float:
@@ -44,12 +48,13 @@ def describe(found: Learned, every: Mapping[str, Estimate], values: Mapping[str,
     terms = {o.key: o.term for o in offers(problem)}
     reference = references(problem)
     scale = scale_of(place, values, reference["reference_temperature"], reference["reference"])
+    own_units = shown(problem.structure.drive)
     pieces, variables, in_si = [], [], {}
     for key in found.terms:
         term, e = terms[key], every[key]
         factor = scale / term.unit_value(reference)
-        words, units = _product(term)
-        for name, _, _, k in _SYMBOLS:
+        words, units = _product(term, own_units)
+        for name, (_, k) in own_units.items():
             factor /= k ** getattr(term, name)
         size = abs(e.value * factor)
         sign = ("" if not pieces else "+ ") if e.value >= 0 else "- "
@@ -79,11 +84,11 @@ def scale_of(place: str, values: Mapping[str, float], temperature: float, displa
     return temperature if place == "learned_reading temperature" else 1e3 * displacement
 
 
-def _product(term: Term) -> tuple[str, str]:
+def _product(term: Term, own_units: Mapping[str, tuple[str, float]]) -> tuple[str, str]:
     """("T x", "/(K mm)") of a term."""
     words, units = [], []
-    for name, symbol, unit, _ in _SYMBOLS:
-        power = getattr(term, name)
+    for name, (unit, _) in own_units.items():
+        power, symbol = getattr(term, name), SYMBOLS[name]
         if not power:
             continue
         raised = "" if power == 1 else str(power).translate(_RAISED)
@@ -91,5 +96,5 @@ def _product(term: Term) -> tuple[str, str]:
             words.append(f"|{symbol}|" if power == 1 else f"|{symbol}| {symbol}")
         else:
             words.append(symbol + raised)
-        units.append(f"({unit}){raised}" if raised and "/" in unit else unit + raised)
+        units.append(f"({unit}){raised}" if raised and not unit.isalpha() else unit + raised)
     return " ".join(words), f"/({' '.join(units)})"

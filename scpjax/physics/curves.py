@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from scpjax.parameter import Parameter
-from scpjax.physics.mechanism import Side, Values, View
+from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
 PIECES = (3, 6)
 """Numbers of pieces between which the recordings choose."""
@@ -126,3 +127,18 @@ def product(forms: tuple[Form, ...], p: Values, view: View, reads: str = "") -> 
     for k, w in enumerate(WEIGHTS):
         out = out + getattr(p, w) * (_bell(pieces * z - k) - _bell(pieces * zero - k))
     return here * factor * out
+
+
+class LearnedCurve(Mechanism):
+    """What the closures by a curve share; one of them says its `forms` and the balance in which its curve stands."""
+
+    source = "closure by a cubic spline, fitted through the simulation: de Boor, A Practical Guide to Splines (2001)"
+    excited_by = "whatever excited it in the recordings"
+    learned = True
+    parameters = parameters()
+    starts = ((0.0,) * len(parameters),)
+    forms: ClassVar[tuple[Form, ...]] = ()
+
+    def __init_subclass__(cls, **options: object):
+        super().__init_subclass__(**options)
+        cls.laws, cls.only_under = laws(cls.forms), only_under(cls.forms)

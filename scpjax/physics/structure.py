@@ -19,6 +19,15 @@ from scpjax.physics.mechanism import Mechanism
 from scpjax.physics.system import System
 
 DriveKind = Literal["voltage", "pwm", "current", "power", "temperature", "gain"]
+EFFORT_UNITS: dict[DriveKind, str] = {
+    "voltage": "V²",
+    "pwm": "V²",
+    "current": "A²",
+    "power": "W",
+    "temperature": "K",
+    "gain": "drive",
+}
+"""Unit of what a drive applies (`scpjax.simulate.drive.effort`); a gain's is that of its column."""
 
 
 @dataclass(frozen=True)

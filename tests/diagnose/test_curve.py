@@ -154,7 +154,7 @@ def test_terms_are_sought_where_no_curve_comes_down_to_the_noise(monkeypatch, fa
 )
 def test_the_expression_is_the_function_that_was_drawn(curve, words):
     at = np.linspace(0.0, 10.0, 61)
-    said, near, share = distilled(at, curve(at), "displacement", "W/K")
+    said, near, share = distilled(at, curve(at), "x", "mm", "W/K")
     assert words in said
     assert share > 0.995
     assert np.max(np.abs(near - curve(at))) < 0.06 * np.max(np.abs(curve(at)))
@@ -162,6 +162,6 @@ def test_the_expression_is_the_function_that_was_drawn(curve, words):
 
 def test_what_is_no_simple_function_gets_no_expression():
     at = np.linspace(0.0, 10.0, 61)
-    said, _, share = distilled(at, np.sin(2 * at), "displacement", "N")
+    said, _, share = distilled(at, np.sin(2 * at), "x", "mm", "N")
     assert said == ""
     assert share < 0.9
