@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.trials import FEW, TOLERANCE, Start, State, at_noise, go_on, grown, starts_with, trial_at
+from scpjax.diagnose.trials import FEW, NEARLY, TOLERANCE, Start, State, at_noise, go_on, grown, starts_with, trial_at
 from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.setup import Setup
 from scpjax.fit.solve import binned_of, evaluate, make_room, residuals_at, solve_all, stack
@@ -109,6 +109,7 @@ def fresh(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Mec
 _WORTH = 0.1  # share of the misfit, beside what the base can imitate, that a fresh start must take away
 _LITTLE = 12.0  # promise less than which a mechanism is not worth fitting
 _BEHIND = 0.2  # of the leader's promise, less than which it is not
+_RIVAL = 0.9  # of the leader's gain, with which a trial goes on once a mechanism has reached the noise
 _FAR_BEHIND = 0.6  # of it, less than which nothing more is fitted once a mechanism has reached the noise
 _AT_LEAST, _AT_MOST, _LATER = 2, 5, 3  # mechanisms fitted; of them beside others already named
 _GOOD = 0.75  # of the misfit in excess of the noise: where nothing fitted takes so much away, twice as many are
@@ -167,7 +168,8 @@ def fit_promising(
             trials += [trial_at(problem, s.value, s.laws) for s in starts_with(begun.state, begun.mechanism, problem)]
         solved, cost, _ = solve_all(trials, split.train, problem.space, max_steps=FEW, tolerance=coarse)
         lead = max(lead, float(state.cost - np.min(cost)))
-        solved, cost = go_on(problem, split, solved, cost, np.zeros(len(cost), bool), state.cost, lead, max_steps - FEW)
+        rest, nearly = np.zeros(len(cost), bool), _RIVAL if explained else NEARLY
+        solved, cost = go_on(problem, split, solved, cost, rest, state.cost, lead, max_steps - FEW, nearly)
         out[promise.mechanism.name] = found = _by_law(promise.mechanism, problem, split, solved, cost, state)
         explained = explained or any(at_noise(s, split) for s in found.values())
     return out

@@ -18,6 +18,7 @@ from scpjax.physics.mechanism import Mechanism
 Progress = Callable[[str, float], None]
 
 _FORM = 0.015  # of the misfit, which a law of another form may leave more than the best and be its equal
+_STRAIGHT = 1.3  # mean square, in units of the noise's, up to which a base model has not been bent
 _PLAIN = 100.0  # mean square, in units of the noise's, that is no matter of a law's form
 _CLOSE = 20.0  # difference of BIC (10 nats) up to which two mechanisms are close
 _WAYS = 2  # gone at a time
@@ -91,7 +92,9 @@ def try_all(
     """
     candidates = [m for m in catalogue.structure.mechanisms if not m.is_base and m.name not in state.names]
     promises = screen(state, split, catalogue, candidates)
-    fitted = fit_promising(state, split, promises, fresh(state, split, catalogue, candidates), max_steps, tell)
+    bent = np.any(misfit(state, split) > _STRAIGHT)
+    begun = fresh(state, split, catalogue, candidates) if bent else None
+    fitted = fit_promising(state, split, promises, begun, max_steps, tell)
     out = []
     for promise in promises:
         m = promise.mechanism

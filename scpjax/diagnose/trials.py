@@ -133,7 +133,7 @@ def residual_on(trial: Trial, data: Data, setup: Setup) -> np.ndarray:
     return binned_of([trial], data, setup.space)[0]
 
 
-FEW, _NEARLY = 12, 0.2  # steps of all; of the leader's gain after them, with less than which one is left there
+FEW, NEARLY = 12, 0.2  # steps of all; of the leader's gain after them, with less than which one is left there
 TOLERANCE = 0.02  # half the fall of the sum of squares in one step with which a trial has come to rest
 
 
@@ -158,10 +158,11 @@ def go_on(
     before: float,
     lead: float,
     steps: int,
+    nearly: float = NEARLY,
 ) -> tuple[list[Trial], np.ndarray]:
     """Those that nearly lead after a few steps, or have yet to return, brought to rest."""
     gain = before - cost  # below 0: its first steps were too bold, and it has yet to come back
-    leading = [int(i) for i in np.flatnonzero(~rest) if gain[i] < 0 or gain[i] > _NEARLY * lead]
+    leading = [int(i) for i in np.flatnonzero(~rest) if gain[i] < 0 or gain[i] > nearly * lead]
     if leading and steps > 0:
         better, lower, _ = solve_all(
             [solved[i] for i in leading], split.train, setup.space, max_steps=steps, tolerance=TOLERANCE

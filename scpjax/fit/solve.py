@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,6 +15,7 @@ from jaxtyping import Array, Float
 
 from scpjax.compiled import quickly_compiled
 from scpjax.fit.data import Data
+from scpjax.fit.marquardt import Marquardt
 from scpjax.fit.problem import CEILING, Space, Trial, binned_residuals, residuals, simulated, whitened
 from scpjax.physics.model import Model
 
@@ -32,34 +32,6 @@ class Solution(eqx.Module):
 
 
 _CEILING = 400  # steps, whatever is asked for
-
-
-class _CostStop(optx.LevenbergMarquardt):
-    """Levenberg-Marquardt that stops when the cost does.
-
-    Parameters that the data leave open drift for ever without changing what is predicted; a test on their steps, as
-    in the parent, never ends there.
-    """
-
-    tolerance: float | Array
-    limit: Array
-
-    def __init__(self, tolerance: float | Array, limit: Array):
-        super().__init__(rtol=1e-6, atol=1e-3)
-        self.tolerance, self.limit = tolerance, limit
-
-    def step(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> Any:
-        y, new, aux = super().step(fn, y, args, options, state, tags)
-        before = 0.5 * jnp.sum(state.f_info.residual**2)
-        after = 0.5 * jnp.sum(new.f_info.residual**2)
-        accepted = (new.num_accepted_steps > state.num_accepted_steps) & ~state.first_step
-        still = accepted & (jnp.abs(before - after) < self.tolerance + self.rtol * after)
-        stuck = new.num_steps_since_acceptance > 12
-        return (
-            y,
-            eqx.tree_at(lambda s: s.terminate, new, new.terminate | still | stuck | (new.num_steps >= self.limit)),
-            aux,
-        )
 
 
 def soften(r: Float[Array, " m"], n: int, threshold: float) -> Float[Array, " m"]:
@@ -100,31 +72,21 @@ def solve_one(
     pseudo-Huber loss grows linearly.
     """
 
-    @jax.custom_jvp
-    def target(x: Array) -> Array:
-        return _objective(x, trial, data, space, robust=robust)
-
-    @target.defjvp
-    def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-        value, columns = _sensitivities(primals[0], trial, data, space, robust=robust)
-        return value, columns @ tangents[0]
-
-    solver = _CostStop(tolerance, jnp.asarray(max_steps))
     solution = optx.least_squares(
-        lambda x, _: target(x),
-        solver,
+        lambda x, _: _sensitivities(x, trial, data, space, robust=robust),
+        Marquardt(tolerance, max_steps),
         trial.free[trial.index],
-        options={"jac": "fwd"},
+        has_aux=True,
         max_steps=_CEILING,
         throw=False,
     )
     return Solution(
         free=trial.free.at[trial.index].set(solution.value),
-        cost=jnp.sum(solution.state.f_info.residual**2),
+        cost=jnp.sum(solution.state.residual**2),
         steps=solution.stats["num_steps"],
         converged=solution.stats["num_steps"] < max_steps,
-        residual=solution.state.f_info.residual,
-        jacobian=solution.state.f_info.jac.as_matrix(),
+        residual=solution.state.residual,
+        jacobian=solution.state.jacobian,
     )
 
 
@@ -247,7 +209,7 @@ def make_room() -> None:
         jax.clear_caches()
 
 
-_FORWARD = 16  # simulations abreast
+_FORWARD = 40  # simulations abreast
 
 
 def residuals_at(values: np.ndarray, laws: np.ndarray, data: Data, space: Space) -> np.ndarray:

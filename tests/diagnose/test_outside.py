@@ -177,7 +177,7 @@ def test_names_that_explain_less_than_a_closure_are_not_given():
     assert said.closure is not None
     assert said.closure.subsystem == said.location.subsystem == "thermoelectric"
     assert said.closure.expression.startswith("heat lost = ")
-    assert "W/(" in said.closure.expression
+    assert "W/" in said.closure.expression
     assert said.closure.held_out_gain > 0.5
     assert said.closure.expression in said.says
     assert said.to_json()["closure"]["depends_on"] == list(said.closure.depends_on)
