@@ -42,8 +42,9 @@ class ScaledDescent(optx.AbstractDescent[Array, Any, Factored]):
         length = jnp.linalg.norm(jacobian, axis=0)
         scale = jnp.maximum(state.scale, jnp.maximum(length, _LEAST * jnp.max(length)))
         scale = jnp.where(scale > 0, scale, 1.0)
-        q, r = jnp.linalg.qr(jacobian / scale)
-        return Factored(r, q.T @ f_info.residual, scale)
+        short = max(jacobian.shape[1] - jacobian.shape[0], 0)  # rows that are lacking
+        q, r = jnp.linalg.qr(jnp.pad(jacobian / scale, ((0, short), (0, 0))))
+        return Factored(r, q.T @ jnp.pad(f_info.residual, (0, short)), scale)
 
     def step(self, step_size: Array, state: Factored) -> tuple[Array, optx.RESULTS]:
         n = state.scale.shape[0]

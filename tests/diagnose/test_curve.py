@@ -101,7 +101,7 @@ def test_a_curve_of_no_weight_changes_nothing(name):
 
 
 def test_a_curve_is_learned_drawn_and_distilled(tmp_path):
-    """A loss that grows with the square of the displacement: found, as a function of what goes with it there (T s(x), T s(T), s(x))."""
+    """A loss that grows with the square of the displacement: found as a function of it, or of what goes with it."""
     base, parts = rubbed()
     binned, lacking = lacking_in(base, parts)
     found = bend(base, parts, Evidence(), ["thermoelectric"])
