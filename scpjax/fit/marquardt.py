@@ -137,5 +137,5 @@ class Marquardt(optx.AbstractLeastSquaresSolver):
         return y, aux, {}
 
 
-def _info(residual: Array, jacobian: Array) -> optx.FunctionInfo.ResidualJac:
+def _info(residual: Array, jacobian: Array) -> Any:
     return optx.FunctionInfo.ResidualJac(residual, lx.MatrixLinearOperator(jacobian))

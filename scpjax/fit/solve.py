@@ -74,7 +74,7 @@ def solve_one(
 
     solution = optx.least_squares(
         lambda x, _: _sensitivities(x, trial, data, space, robust=robust),
-        Marquardt(tolerance, max_steps),
+        Marquardt(tolerance=tolerance, limit=max_steps),
         trial.free[trial.index],
         has_aux=True,
         max_steps=_CEILING,
