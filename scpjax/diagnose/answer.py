@@ -155,7 +155,8 @@ def _verdict(
     """``state`` holds what is named, ``final`` the closure as well, if there is one."""
     ratio = level(state, parts)
     names = " and ".join(m.title[0].lower() + m.title[1:] for m in named)
-    learned = f" Learned in its place: {closure.expression}." if closure else ""
+    as_well = f" ({' or '.join(closure.equivalents)} would do as well here)" if closure and closure.equivalents else ""
+    learned = f" Learned in its place: {closure.expression}{as_well}." if closure else ""
     if not named and ratio <= AT_NOISE:
         return "adequate", "Nothing is missing: at this noise the base model explains the recordings."
     if not named:

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array
 
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.select import Comparison, Evidence, compare
+from scpjax.diagnose.select import Comparison, Evidence, are_alike, compare
 from scpjax.diagnose.trials import State, fit_leading, grown, laws_of
 from scpjax.fit.problem import CEILING, Trial, initial_state, unpack
 from scpjax.fit.setup import Setup, carry
@@ -34,17 +34,23 @@ _MARGIN = 0.03  # of a range, added at both ends
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve found: the hypothesis that holds it, which it is, and the evidence."""
+    """A curve found: the hypothesis that holds it, which it is, the evidence, and others that predict the same."""
 
     state: State
     mechanism: str
     law: int
     evidence: Comparison
+    alike: tuple[Curve, ...] = ()
 
     @property
     def form(self) -> Form:
         """What it is a function of, and times what."""
         return form_of(mechanism(self.mechanism).forms, self.law)[0]  # pyright: ignore[reportAttributeAccessIssue]
+
+    @property
+    def place(self) -> str:
+        """What it stands for: "learned_heat", or a sensor's "learned_reading temperature"."""
+        return self.mechanism.removesuffix("_curve") + (f" {self.form.reads}" if self.form.reads else "")
 
     @property
     def pieces(self) -> int:
@@ -81,7 +87,8 @@ def bend(state: State, split: Split, rules: Evidence, subsystems: Sequence[str] 
     if not accepted:
         return None
     best = max(accepted, key=lambda c: c.evidence.held_out_gain)
-    return _finer(best, state, split, rules)
+    alike = tuple(c for c in accepted if c is not best and are_alike(c.state, best.state, split))
+    return replace(_finer(best, state, split, rules), alike=alike)
 
 
 def ranges(state: State, split: Split) -> dict[str, float]:

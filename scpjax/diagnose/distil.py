@@ -61,9 +61,10 @@ def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float
     ``doubt`` are of its final fit.
     """
     form, units = found.form, shown(found.state.setup.structure.drive)
+    alike = tuple(f"{WHAT[c.place][0]} = {c.form.name}" for c in found.alike)
     own, own_size = units[form.variable]
     low, high = (found.reference(f"{form.variable}_{end}") for end in ("low", "high"))
-    place = found.mechanism.removesuffix("_curve") + (f" {form.reads}" if form.reads else "")
+    place = found.place
     what, unit, subsystem = WHAT[place]
     scale = scale_of(place, values, found.reference("temperature_high"), found.reference("displacement_high"))
     if form.factor:
@@ -77,8 +78,7 @@ def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float
     curve = matrix @ weights
     per = f"{unit}/{units[form.factor][0]}" if form.factor else unit
     expression, near, share = distilled(at, curve, SYMBOLS[form.variable], own, per)
-    product = f"{SYMBOLS[form.factor]} s({SYMBOLS[form.variable]})".strip()
-    says = f"{what} = {product}, s from 0 to {curve[np.argmax(np.abs(curve))]:.3g} {per}"
+    says = f"{what} = {form.name}, s from 0 to {curve[np.argmax(np.abs(curve))]:.3g} {per}"
     if expression:
         says += f", s ≈ {expression}"
     variables = [("drive" if v == "effort" else v) for v in (form.factor, form.variable) if v]
@@ -90,7 +90,8 @@ def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float
         {k: every[k] for k in found.keys},
         found.evidence.held_out_gain,
         found.evidence.delta_bic,
-        Drawn(form.variable, own, product, per, at, curve, spread, expression, near, share),
+        Drawn(form.variable, own, form.name, per, at, curve, spread, expression, near, share),
+        alike,
     )
 
 

@@ -117,7 +117,7 @@ class Drawn:
 @dataclass(frozen=True)
 class Closure:
     """A learned closure: ``expression`` with its units, what it ``depends_on`` and how much better it predicts;
-    ``curve``, where it is one and no sum of terms."""
+    ``curve``, where it is one and no sum of terms; ``equivalents``: other forms that predict the same here."""
 
     subsystem: str
     place: str
@@ -127,6 +127,7 @@ class Closure:
     held_out_gain: float
     delta_bic: float
     curve: Drawn | None = None
+    equivalents: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,6 +208,7 @@ def _closure(c: Closure) -> dict[str, Any]:
         "delta_bic": c.delta_bic,
         "terms": {k: e.to_dict() for k, e in c.terms.items()},
         "curve": None if c.curve is None else _drawn(c.curve),
+        "equivalents": list(c.equivalents),
     }
 
 

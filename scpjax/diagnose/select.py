@@ -19,6 +19,7 @@ Progress = Callable[[str, float], None]
 
 _FORM = 0.015  # of the misfit, which a law of another form may leave more than the best and be its equal
 _STRAIGHT = 1.3  # mean square, in units of the noise's, up to which a base model has not been bent
+_SAME = 0.5  # RMS difference of predictions, in units of the noise, up to which they are the same
 _PLAIN = 100.0  # mean square, in units of the noise's, that is no matter of a law's form
 _CLOSE = 20.0  # difference of BIC (10 nats) up to which two mechanisms are close
 _WAYS = 2  # gone at a time
@@ -161,20 +162,29 @@ def worthwhile(before: State, after: State, base: State, split: Split, share: fl
     return bool(np.any((left - excess(after, split) > share * whole) | (left > _PLAIN)))
 
 
+def distance(a: State, b: State, split: Split) -> float:
+    """RMS difference of what two hypotheses predict, in units of the noise."""
+    return float(np.sqrt(np.mean((a.residual - b.residual)[split.is_train | split.is_held] ** 2)))
+
+
+def are_alike(a: State, b: State, split: Split) -> bool:
+    """Whether two hypotheses predict the same, within half the noise."""
+    return distance(a, b, split) < _SAME
+
+
 def equals(best: Comparison, others: Sequence[Comparison], before: State, split: Split) -> tuple[str, ...]:
     """Mechanisms that these recordings cannot tell from the best: they predict the same, within half the noise.
 
     And are about as likely, or explain as much to within what the form of a law decides.
     """
     found = []
-    there = split.is_train | split.is_held
     for c in others:
         if c.added == best.added or not c.accepted:
             continue
-        apart = float(np.sqrt(np.mean((c.state.residual - best.state.residual)[there] ** 2)))
+        apart = distance(c.state, best.state, split)
         more = excess(c.state, split) - excess(best.state, split)
         as_much = not np.any(more > _FORM * excess(before, split))
-        if apart < 0.5 and (best.delta_bic - c.delta_bic < 10.0 or as_much):
+        if apart < _SAME and (best.delta_bic - c.delta_bic < 10.0 or as_much):
             found.append((apart, c.added))
     return tuple(name for _, name in sorted(found)[:_EQUIVALENTS])
 

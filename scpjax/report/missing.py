@@ -137,7 +137,7 @@ def learned(d: Diagnosis, shapes: dict[str, bytes]) -> str:
         else f"No mechanism of the catalogue explains it, but this {form} does better than none."
     )
     error = "; ± is one standard error" if c.curve is None else ""
-    drawn = ""
+    drawn, other = "", " or ".join(c.equivalents)
     if c.curve is not None:
         shapes["closure"] = plot.png(curve(c.curve))
         near = f" The dashed line is the expression, with {percent(c.curve.share)} of its variation." * bool(
@@ -156,6 +156,7 @@ def learned(d: Diagnosis, shapes: dict[str, bytes]) -> str:
             ),
             f'<div class="equation">{escape(c.expression)}</div>',
             drawn,
+            page.text(f"These recordings cannot tell it from {other}.") if other else "",
             "</div>",
         )
     )

@@ -116,7 +116,11 @@ def test_a_curve_is_learned_drawn_and_distilled(tmp_path):
     # as a function it is the concealed loss where the actuator has been, but for what a conductance can take up
     states = np.asarray(recorded(rubbed_by_air).outputs)
     warm, moved = states[:, 0] - AMBIENT, states[:, 1]
-    assert drawn.product in ("T s(x)", "T s(T)", "s(x)")
+    forms = {"T s(x)", "T s(T)", "s(x)"}
+    assert drawn.product in forms
+    others = {e.removeprefix("heat lost = ") for e in closure.equivalents}
+    assert others & forms == forms - {drawn.product}  # temperature and displacement go together there
+    assert all(other in said.says for other in others)
     at = 1e3 * moved if drawn.variable == "displacement" else warm
     factor = warm if drawn.product.startswith("T") else 1.0
     heat = factor * np.interp(at, drawn.at, drawn.value)

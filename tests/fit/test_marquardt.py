@@ -19,7 +19,12 @@ def fitted(residual, start, *, tolerance=1e-12, limit=100):
         return residual(x), jax.jacfwd(residual)(x)
 
     found = optx.least_squares(
-        both, Marquardt(tolerance=tolerance, limit=limit), jnp.asarray(start, float), has_aux=True, max_steps=400, throw=False
+        both,
+        Marquardt(tolerance=tolerance, limit=limit),
+        jnp.asarray(start, float),
+        has_aux=True,
+        max_steps=400,
+        throw=False,
     )
     np.testing.assert_allclose(found.state.residual, residual(found.value), atol=1e-12)
     np.testing.assert_allclose(found.aux, jax.jacfwd(residual)(found.value), atol=1e-12)
