@@ -208,6 +208,8 @@ def slack(law):
     def force(t, z, u):
         pull, idle = PULL * z[0], K * 0.2 * 0.0025
         taken = (HOOK(pull + idle, 0.1 * idle) - HOOK(pull - idle, 0.1 * idle)) / 2
+        if law == 2:
+            return pull - idle if pull > 2 * idle else pull * abs(pull) / (4 * idle)
         return pull - (taken if law == 1 else 0.0)
 
     return plant(force=force)
@@ -245,7 +247,7 @@ TERMS = {
     "ambient_drift": (drifting_room, 3),
     "nonlinear_thermal_force": (bent_force, 4),
     "thermal_softening": (softening, 3),
-    "slack": (slack, 2),
+    "slack": (slack, 3),
     "fatigue": (tiring, 3),
     "antagonist_load": (pulled_back, 3),
     "sensor_drift": (drifting_sensor, 6),

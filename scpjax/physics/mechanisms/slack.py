@@ -15,16 +15,18 @@ class Slack(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "law tendon: the sensor's side moves by x - clip(x, -g, g);  "
-        "law pull: F = C T - clip(C T, -k g, k g);  corners rounded over g/10"
+        "law pull: F = C T - clip(C T, -k g, k g);  corners rounded over g/10;  "
+        "law toe: F = C T |C T| / (4 k g) up to C T = 2 k g, C T - k g beyond"
     )
     source = (
         "dead zone of a slack cable: Tao, Kokotovic, Adaptive Control of Systems with Actuator and Sensor "
-        "Nonlinearities (1996), ch. 2; tendon slack in muscle models: Zajac, Crit. Rev. Biomed. Eng. 17 (1989) 359"
+        "Nonlinearities (1996), ch. 2; slack and the toe of a tendon whose fibres straighten one after another: "
+        "Zajac, Crit. Rev. Biomed. Eng. 17 (1989) 359"
     )
     says = "The coil first has to take up the slack of its tendon before anything moves."
     needs = ("mechanical",)
     excited_by = "heating slowly from cold, and small steps about cold"
-    laws = ("tendon", "pull")
+    laws = ("tendon", "pull", "toe")
     parameters = (
         Parameter(
             name="gap",
@@ -50,8 +52,13 @@ class Slack(Mechanism):
     starts = ((0.1, 0.0), (0.35, 0.0))
 
     def force(self, p: Values, view: View) -> Side:
-        idle = jnp.where(p.law == 1, p.gap * p.reference, 0.0) * view.shared["stiffness"]
-        return -clipped(view.shared["coefficient"] * view.actuating, idle, ROUND * idle)
+        gap = p.gap * p.reference * view.shared["stiffness"]
+        pull = view.shared["coefficient"] * view.actuating
+        idle = jnp.where(p.law == 1, gap, 0.0)
+        taut = 2.0 * jnp.where((p.law == 2) & (gap > 0), gap, 1.0)
+        toe = jnp.clip(pull, -taut, taut)
+        toe = jnp.where((p.law == 2) & (gap > 0), toe - toe * jnp.abs(toe) / (2.0 * taut), 0.0)
+        return -clipped(pull, idle, ROUND * idle) - toe
 
     def reading(self, p: Values, view: View, quantity: Quantity, value: Side) -> Side:
         if quantity != "displacement":
