@@ -23,13 +23,14 @@ Strength is the misfit of the best base model over the noise: weak 1.2 to 3, mod
 """
 
 
-def write_page(folder: Path, scores: Sequence[Score], others: Others, *, commit: str, of: int) -> Path:
+def write_page(folder: Path, scores: Sequence[Score], others: Others, *, commit: str, of: int, asked: str = "") -> Path:
     """``concealed.md`` and ``concealed/*.svg`` in a folder."""
     pictures = folder / "concealed"
     pictures.mkdir(parents=True, exist_ok=True)
+    command = f"python fits/concealed/run.py {asked}".strip()
     text = [
         "# Concealed physics: can it be named?\n",
-        f"Made by `python fits/concealed/run.py`; {len(scores)} of the plan's {of} cases, commit `{commit}`.\n",
+        f"Made by `{command}`: {len(scores)} of the plan's {of} cases, commit {commit}.\n",
         _WHAT,
         "## What was asked\n",
         *_goals(scores),

@@ -40,13 +40,16 @@ Job = tuple[str, str, str]  # name, method, sealed hash
 
 
 class Run:
-    """One run over some cases. ``way``: library or command; ``limit``: seconds for one answer."""
+    """One run over some cases. ``way``: library or command; ``limit``: seconds for one answer; ``asked``: the options
+    that chose the cases."""
 
-    def __init__(self, cases: Sequence[Case], out: Path, *, way: str, methods: Sequence[str], limit: float):
+    def __init__(
+        self, cases: Sequence[Case], out: Path, *, way: str, methods: Sequence[str], limit: float, asked: str = ""
+    ):
         self.cases, self.out, self.way, self.methods, self.limit = list(cases), out, way, list(methods), limit
         self.store = Store(out)
         self.sealed = {c.name: verify(out / "cases", c.name) for c in self.cases}
-        self.commit = _commit()
+        self.commit, self.asked = _commit(), asked
 
     def truth(self, name: str) -> dict[str, Any]:
         """What was concealed."""
@@ -122,12 +125,18 @@ class Run:
                     errors[case.name] = worst(kept, truth) if kept else float("inf")
         return found, others
 
+    def commits(self) -> str:
+        """Of the package, by which the answers that are there were given."""
+        answers = (self.store.read(c.name, "scpjax", self.sealed[c.name]) for c in self.cases)
+        return ", ".join(dict.fromkeys(a["commit"] for a in answers if a is not None)) or self.commit
+
     def report(self, docs: Path | None) -> list[Score]:
         """Write ``results.json``, the page and its figures."""
         found, others = self.scores()
         content = {
             "schema": "scpjax.concealed/1",
-            "commit": self.commit,
+            "commit": self.commits(),
+            "asked": self.asked,
             "written": time.strftime("%Y-%m-%d %H:%M"),
             "of": len(plan()),
             "goals": [
@@ -139,7 +148,7 @@ class Run:
         }
         write_whole(self.out / "results.json", content)
         for folder in filter(None, (self.out, docs)):
-            write_page(folder, found, others, commit=self.commit, of=len(plan()))
+            write_page(folder, found, others, commit=self.commits(), of=len(plan()), asked=self.asked)
         return found
 
 
@@ -170,6 +179,14 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     return given
 
 
+def _asked(given: argparse.Namespace) -> str:
+    """The options that chose the cases, as they are written."""
+    words = [f"--sort {s}" for s in given.sort] + [f"--only '{p}'" for p in given.only]
+    words += ["--seeds " + " ".join(map(str, given.seeds))] * bool(given.seeds)
+    words += [f"--cases {given.cases}"] * (given.cases is not None) + ["--subset"] * given.subset
+    return " ".join(words + ["--all"] * given.all)
+
+
 def _stopped(signal_number: int, frame: object) -> None:
     raise KeyboardInterrupt
 
@@ -191,7 +208,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     else:
         cases = [c for c in cases if (given.out / "cases" / c.name / "truth.json").exists()]
     try:
-        run = Run(cases, given.out, way=given.way, methods=methods, limit=given.limit)
+        run = Run(cases, given.out, way=given.way, methods=methods, limit=given.limit, asked=_asked(given))
     except BrokenSeal as error:
         print(error, file=sys.stderr)
         raise SystemExit(2) from None
