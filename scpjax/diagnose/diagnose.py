@@ -116,7 +116,8 @@ def _chosen(
         choice = choose_together(base, parts, options.evidence, catalogue, progress=tell)
     else:
         choice = choose(base, parts, options.evidence, catalogue, max_steps=options.max_steps, progress=tell)
-        choice = exchanged(choice, parts, options.evidence)
+        tell("each name against what could stand in its place", 0.7)
+        choice = exchanged(choice, base, parts, options.evidence, catalogue)
     if not choice.state.names:
         return parts, choice
     problem = choice.state.setup

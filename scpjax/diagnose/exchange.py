@@ -1,50 +1,82 @@
-"""What was named first was chosen before the rest was known: is another better in its place now?"""
+"""What was named first was chosen before the rest was known: is another better in its place now, or as good?"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
-from scpjax.diagnose.rivals import swapped
-from scpjax.diagnose.select import Choice, Evidence, is_better, prune
-from scpjax.diagnose.trials import at_noise
+from scpjax.diagnose.rivals import by_law
+from scpjax.diagnose.screen import screen
+from scpjax.diagnose.select import Choice, Evidence, are_equal, is_better, prune
+from scpjax.diagnose.trials import State, without
+from scpjax.fit.setup import Setup
 
-_MOST = 2  # tried in the place of a name
+_BY_PROMISE, _BY_RANK = 2, 1  # tried in the place of a name
+_PROMISE = 0.3  # of what the name promises beside the others, which one that is tried must promise at least
+_EQUIVALENTS = 3  # told of a name
 
 
-def exchanged(choice: Choice, split: Split, rules: Evidence) -> Choice:
-    """The choice with names in whose place another, with evidence in the same round, does better beside the rest.
-
-    Where the misfit is down to the noise, or nothing else was named, nothing is exchanged.
+def exchanged(choice: Choice, base: State, split: Split, rules: Evidence, catalogue: Setup) -> Choice:
+    """The choice with names in whose place another does better beside the rest, and as equivalents those that do as
+    well; nothing for a single name, which its own round has compared.
     """
+    if len(choice.state.names) < 2:
+        return choice
     for name in choice.state.names:
-        state = best = choice.state
-        if len(state.names) < 2 or at_noise(state, split):
+        state = choice.state
+        if len(state.names) < 2:
             break
         if name not in state.names:
             continue
-        for other in accepted_beside(choice.ranking, name, rules):
-            if other in state.names:
-                continue
-            after = prune(next(iter(swapped(state, name, other, split).values())), split, rules)
-            if other in after.names and is_better(after, best, split, rules):
-                best = after
-        if best is not state:
-            chance = dict.fromkeys(best.names, choice.probability[name]) | choice.probability
-            choice = Choice(
-                best,
-                choice.ranking,
-                {n: chance[n] for n in best.names},
-                {n: choice.equivalents.get(n, ()) for n in best.names},
-            )
+        bare = without(state, name, split)
+        found: dict[str, State] = {name: state}
+        for other in in_its_place(name, bare, choice.ranking, split, rules, catalogue):
+            after = prune(next(iter(by_law(bare, other, split).values())), split, rules)
+            if other in after.names:
+                found[other] = after
+        best = name
+        for other, after in found.items():
+            if other != best and is_better(after, found[best], split, rules):
+                best = other
+        alike = [o for o, s in found.items() if o != best and are_equal(s, found[best], base, split, rules)]
+        choice = _with(choice, found[best], name, best, alike)
     return choice
 
 
+def in_its_place(
+    name: str, bare: State, ranking: Sequence[Ranked], split: Split, rules: Evidence, catalogue: Setup
+) -> list[str]:
+    """What may stand in the place of a name: what promises most beside the other names, ``bare``, and what had
+    evidence in the round in which the name was the best.
+    """
+    candidates = [m for m in catalogue.structure.mechanisms if not m.is_base and m.name not in bare.names]
+    promise = {p.mechanism.name: p.gain for p in screen(bare, split, catalogue, candidates)}
+    enough = _PROMISE * promise.get(name, 0.0)
+    first = [n for n, gain in promise.items() if n != name and gain > enough][:_BY_PROMISE]
+    then = [n for n in accepted_beside(ranking, name, rules) if n not in first and n not in bare.names]
+    return first + then[:_BY_RANK]
+
+
 def accepted_beside(ranking: Sequence[Ranked], name: str, rules: Evidence) -> list[str]:
-    """Mechanisms with evidence in the round in which a name was the best; most first, as many as are tried."""
+    """Mechanisms with evidence in the round in which a name was the best; most first."""
     for round_ in sorted({r.round for r in ranking}):
         mine = sorted((r for r in ranking if r.round == round_), key=lambda r: -r.delta_bic)
         if mine[0].name == name:
-            return [r.name for r in mine[1:] if r.delta_bic > rules.bic and r.held_out_gain > 0.0][:_MOST]
+            return [r.name for r in mine[1:] if r.delta_bic > rules.bic and r.held_out_gain > 0.0]
     return []
+
+
+def _with(choice: Choice, state: State, name: str, best: str, alike: Sequence[str]) -> Choice:
+    """The choice with ``best`` in the place of ``name``, whose probability it takes over."""
+    chance = {best: choice.probability[name]} | choice.probability
+    known = choice.equivalents.get(name, ()) if best == name else ()
+    same = tuple(dict.fromkeys((*alike, *known)))[:_EQUIVALENTS]
+    equivalents = choice.equivalents | {best: tuple(n for n in same if n not in state.names)}
+    return replace(
+        choice,
+        state=state,
+        probability={n: chance[n] for n in state.names},
+        equivalents={n: equivalents.get(n, ()) for n in state.names},
+    )

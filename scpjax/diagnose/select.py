@@ -172,6 +172,20 @@ def are_alike(a: State, b: State, split: Split) -> bool:
     return distance(a, b, split) < _SAME
 
 
+def _equal(a: State, b: State, before: State, split: Split, behind: float) -> bool:
+    """Whether ``a`` predicts what ``b`` does and is about as likely (BIC ``behind``), or leaves no more of the misfit
+    ``before`` than the form of a law decides.
+    """
+    more = excess(a, split) - excess(b, split)
+    return are_alike(a, b, split) and (behind < 10.0 or not np.any(more > _FORM * excess(before, split)))
+
+
+def are_equal(a: State, b: State, before: State, split: Split, rules: Evidence) -> bool:
+    """Whether these recordings cannot tell two hypotheses, of which ``b`` is the better, apart."""
+    behind = compare(a, b, "", "", split, rules, moving(b) - moving(a)).delta_bic
+    return _equal(a, b, before, split, behind)
+
+
 def equals(best: Comparison, others: Sequence[Comparison], before: State, split: Split) -> tuple[str, ...]:
     """Mechanisms that these recordings cannot tell from the best: they predict the same, within half the noise.
 
@@ -181,11 +195,8 @@ def equals(best: Comparison, others: Sequence[Comparison], before: State, split:
     for c in others:
         if c.added == best.added or not c.accepted:
             continue
-        apart = distance(c.state, best.state, split)
-        more = excess(c.state, split) - excess(best.state, split)
-        as_much = not np.any(more > _FORM * excess(before, split))
-        if apart < _SAME and (best.delta_bic - c.delta_bic < 10.0 or as_much):
-            found.append((apart, c.added))
+        if _equal(c.state, best.state, before, split, best.delta_bic - c.delta_bic):
+            found.append((distance(c.state, best.state, split), c.added))
     return tuple(name for _, name in sorted(found)[:_EQUIVALENTS])
 
 

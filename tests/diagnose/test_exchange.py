@@ -1,11 +1,11 @@
-"""A name chosen before the rest was known gives way to one that does better beside it."""
+"""A name chosen before the rest was known gives way to one that does better beside it, and is told with its equals."""
 
 from types import SimpleNamespace
 
 import pytest
 
 from scpjax.diagnose import exchange
-from scpjax.diagnose.exchange import accepted_beside, exchanged
+from scpjax.diagnose.exchange import accepted_beside, exchanged, in_its_place
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.select import Choice, Evidence
 
@@ -15,6 +15,10 @@ RANKING = (
     Ranked("c", 50.0, -0.1, 0.0, "", 1),
     Ranked("d", 5.0, 0.1, 0.0, "", 1),
     Ranked("e", 80.0, 0.3, 1.0, "", 2),
+)
+NAMES = "abcdefg"
+CATALOGUE = SimpleNamespace(
+    structure=SimpleNamespace(mechanisms=[SimpleNamespace(name=n, is_base=False) for n in NAMES])
 )
 
 
@@ -26,20 +30,30 @@ def chosen(names, cost):
     return Choice(state(names, cost), RANKING, dict.fromkeys(names, 0.9), {"a": ("z",)})  # type: ignore[arg-type]
 
 
+def after_exchange(choice):
+    return exchanged(choice, None, None, Evidence(), CATALOGUE)  # type: ignore[arg-type]
+
+
 @pytest.fixture
 def swaps(monkeypatch):
-    """Costs of what stands in a name's place; what was tried."""
-    costs, tried = {}, []
+    """Costs of what stands in a name's place, what each promises, and what was tried."""
+    costs, promise, tried = {}, {"a": 100.0, "e": 90.0}, []
 
-    def swapped(before, out, name, split):
-        tried.append((out, name))
-        return {name: state([*(n for n in before.names if n != out), name], costs.get(name, 1e9))}
+    def by_law(bare, name, split):
+        tried.append((*bare.names, name))
+        return {name: state([*bare.names, name], costs.get(name, 1e9))}
 
-    monkeypatch.setattr(exchange, "swapped", swapped)
+    def screen(bare, split, catalogue, candidates):
+        promises = [SimpleNamespace(mechanism=m, gain=promise.get(m.name, 0.0)) for m in candidates]
+        return sorted(promises, key=lambda p: -p.gain)
+
+    monkeypatch.setattr(exchange, "without", lambda s, name, _: state([n for n in s.names if n != name], 1e9))
+    monkeypatch.setattr(exchange, "by_law", by_law)
+    monkeypatch.setattr(exchange, "screen", screen)
     monkeypatch.setattr(exchange, "prune", lambda s, *_: s)
     monkeypatch.setattr(exchange, "is_better", lambda a, b, *_: a.cost < b.cost)
-    monkeypatch.setattr(exchange, "at_noise", lambda s, *_: s.cost < 10.0)
-    return costs, tried
+    monkeypatch.setattr(exchange, "are_equal", lambda a, b, *_: abs(a.cost - b.cost) < 5.0)
+    return SimpleNamespace(costs=costs, promise=promise, tried=tried)
 
 
 def test_what_had_evidence_in_the_round_of_a_name_stands_beside_it():
@@ -48,21 +62,51 @@ def test_what_had_evidence_in_the_round_of_a_name_stands_beside_it():
     assert accepted_beside(RANKING, "b", Evidence()) == []
 
 
+def test_what_promises_most_beside_the_others_is_tried_and_what_had_evidence(swaps):
+    swaps.promise |= {"f": 80.0, "g": 60.0, "c": 40.0, "d": 10.0}
+    tried = in_its_place("a", state(["e"], 1.0), RANKING, None, Evidence(), CATALOGUE)  # type: ignore[arg-type]
+    assert tried == ["f", "g", "b"]
+    swaps.promise |= {"f": 29.0, "g": 20.0, "c": 0.0}  # of the 100 that the name itself promises
+    tried = in_its_place("a", state(["e"], 1.0), RANKING, None, Evidence(), CATALOGUE)  # type: ignore[arg-type]
+    assert tried == ["b"]
+
+
 def test_a_better_one_takes_its_place_and_its_chance(swaps):
-    costs, tried = swaps
-    costs["b"] = 50.0
-    found = exchanged(chosen(("a", "e"), 100.0), None, Evidence())  # type: ignore[arg-type]
+    swaps.costs["b"] = 50.0
+    found = after_exchange(chosen(("a", "e"), 100.0))
     assert found.state.names == ("e", "b")
     assert found.probability == {"e": 0.9, "b": 0.9}
     assert found.equivalents == {"e": (), "b": ()}
-    assert tried == [("a", "b")]
+    assert swaps.tried == [("e", "b"), ("b", "a")]  # and what it took the place of, in the place of the other
 
 
-@pytest.mark.parametrize(
-    ("names", "cost", "other"), [(("a", "e"), 100.0, 150.0), (("a", "e"), 5.0, 1.0), (("a",), 100.0, 1.0)]
-)
-def test_nothing_is_exchanged_for_a_worse_one_or_at_the_noise_or_alone(swaps, names, cost, other):
-    costs, _ = swaps
-    costs["b"] = other
-    before = chosen(names, cost)
-    assert exchanged(before, None, Evidence()) is before  # type: ignore[arg-type]
+def test_one_that_nobody_ranked_may_be_better(swaps):
+    """Beside a name that came first and was wrong it had no evidence."""
+    swaps.promise["g"] = 95.0
+    swaps.costs["g"] = 50.0
+    assert after_exchange(chosen(("a", "e"), 100.0)).state.names == ("e", "g")
+
+
+def test_one_that_does_as_well_is_told(swaps):
+    swaps.costs |= {"b": 103.0, "f": 97.0}
+    swaps.promise["f"] = 95.0
+    found = after_exchange(chosen(("a", "e"), 100.0))
+    assert found.state.names == ("e", "f")  # better, if by little
+    assert found.equivalents == {"e": (), "f": ("a",)}
+    swaps.costs["f"] = 104.0
+    found = after_exchange(chosen(("a", "e"), 100.0))
+    assert found.state.names == ("a", "e")
+    assert found.equivalents == {"a": ("f", "b", "z"), "e": ("f",)}
+
+
+def test_a_worse_one_changes_nothing(swaps):
+    swaps.costs["b"] = 150.0
+    found = after_exchange(chosen(("a", "e"), 100.0))
+    assert found.state.names == ("a", "e")
+    assert found.equivalents == {"a": ("z",), "e": ()}
+
+
+def test_one_name_alone_was_compared_in_its_round(swaps):
+    before = chosen(("a",), 100.0)
+    assert after_exchange(before) is before
+    assert swaps.tried == []
