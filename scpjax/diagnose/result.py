@@ -49,7 +49,8 @@ class Location:
 
 @dataclass(frozen=True)
 class Named:
-    """A mechanism that the evidence supports."""
+    """A mechanism that the evidence supports. ``probability``: by the evidence against the others and none, times how
+    often names of such a verdict were right (`scpjax.diagnose.answer.TRUSTED`)."""
 
     name: str
     title: str
