@@ -40,7 +40,8 @@ def draw_confusion(scores: Sequence[Score], folder: Path) -> str:
     axis.imshow(np.where(right | (counts == 0), np.nan, share), cmap="Reds", vmin=0, vmax=1.4, aspect="auto")
     for (i, j), n in np.ndenumerate(counts):
         if n:
-            axis.text(j, i, str(n), ha="center", va="center", fontsize=8, color=INK)
+            ink = "white" if share[i, j] > 0.7 else INK
+            axis.text(j, i, str(n), ha="center", va="center", fontsize=8, color=ink)
     axis.set_xticks(range(len(said)), [s.replace("_", " ") for s in said], rotation=60, ha="right", fontsize=8)
     axis.set_yticks(range(len(effects)), [e.replace("_", " ") for e in effects], fontsize=8)
     axis.set(xlabel="named", ylabel="concealed")
@@ -94,5 +95,5 @@ def draw_calibration(scores: Sequence[Score], folder: Path) -> str:
         for b in bins:
             axis.annotate(str(b.number), (b.believed, b.right), textcoords="offset points", xytext=(4, -9), fontsize=6)
     axis.set(xlim=(-0.03, 1.03), ylim=(-0.03, 1.03), xlabel="probability said", ylabel="share that was right")
-    axis.legend(frameon=False, fontsize=8, loc="upper left")
+    axis.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
     return _save(figure, folder, "calibration")

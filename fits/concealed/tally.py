@@ -116,7 +116,7 @@ def confusion(scores: Sequence[Score]) -> tuple[list[str], list[str], np.ndarray
     chosen = [s for s in scores if s.sort in ("single", "outside", "null")]
     effects = list(dict.fromkeys(s.effects[0] if s.effects else "nothing" for s in chosen))
     said = [_said(s) for s in chosen]
-    order = [e for e in effects if e in said]
+    order = [e for e in effects if e in said and e not in _SILENT]
     columns = order + sorted(set(said) - set(order) - set(_SILENT)) + [w for w in _SILENT if w in said]
     counts = np.zeros((len(effects), len(columns)), int)
     for s, word in zip(chosen, said, strict=True):

@@ -153,6 +153,8 @@ def test_the_page_shows_every_case(tmp_path):
     effects, words, counts = confusion(scores)
     assert (effects, counts.sum()) == (["creep", "slack", "nothing", "coil"], 4)
     assert counts[effects.index("slack"), words.index("friction")] == 1
+    assert len(set(words)) == len(words)
+    assert counts[effects.index("nothing"), words.index("nothing")] == 1
     assert counts[effects.index("coil"), words.index("something unnamed")] == 1
     page = write_page(tmp_path, scores, {"narx": {"a": 1.5, "b": math.inf}}, commit="abc", of=515)
     text = page.read_text()
