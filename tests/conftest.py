@@ -2,14 +2,15 @@
 
 import os
 import tempfile
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-if (0, 7) <= tuple(int(n) for n in version("jaxlib").split(".")[:2]) <= (0, 10):  # of which XLA is known to know them
+from scpjax.cli.program import LOOPS, knows_options
+
+if knows_options():
     # most programs here run for milliseconds: those that run longer ask for more (`scpjax.compiled`)
     quick = "backend_optimization_level=0 cpu_use_fusion_emitters=false llvm_disable_expensive_passes=true"
-    os.environ.setdefault("XLA_FLAGS", " ".join(f"--xla_{flag}" for flag in quick.split()))
+    os.environ.setdefault("XLA_FLAGS", " ".join([*(f"--xla_{flag}" for flag in quick.split()), LOOPS]))
 
 import jax
 import pytest

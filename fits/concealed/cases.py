@@ -6,6 +6,7 @@ import hashlib
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -71,6 +72,12 @@ class Case:
     def rng(self) -> np.random.Generator:
         """Random numbers of this case alone."""
         return np.random.Generator(np.random.PCG64(int(hashlib.sha256(self.label.encode()).hexdigest()[:16], 16)))
+
+
+def seen() -> frozenset[str]:
+    """Names of the cases on which the engine was run while it was being built (``seen.txt``)."""
+    lines = (Path(__file__).parent / "seen.txt").read_text(encoding="utf-8").splitlines()
+    return frozenset(line.strip() for line in lines if line.strip() and not line.startswith("#"))
 
 
 def plan() -> list[Case]:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from fits.concealed.figures import draw_calibration, draw_confusion, draw_kept
 from fits.concealed.score import GOOD, HARMLESS, Score
-from fits.concealed.tally import calibration, goals, median
+from fits.concealed.tally import by_verdict, calibration, goals, median
 
 Others = Mapping[str, Mapping[str, float]]
 _WHAT = """\
@@ -23,8 +23,17 @@ Strength is the misfit of the best base model over the noise: weak 1.2 to 3, mod
 """
 
 
-def write_page(folder: Path, scores: Sequence[Score], others: Others, *, commit: str, of: int, asked: str = "") -> Path:
-    """``concealed.md`` and ``concealed/*.svg`` in a folder."""
+def write_page(
+    folder: Path,
+    scores: Sequence[Score],
+    others: Others,
+    *,
+    commit: str,
+    of: int,
+    asked: str = "",
+    seen: Collection[str] = (),
+) -> Path:
+    """``concealed.md`` and ``concealed/*.svg`` in a folder; ``seen``: names of cases that are counted apart."""
     pictures = folder / "concealed"
     pictures.mkdir(parents=True, exist_ok=True)
     command = f"python fits/concealed/run.py {asked}".strip()
@@ -33,7 +42,7 @@ def write_page(folder: Path, scores: Sequence[Score], others: Others, *, commit:
         f"Made by `{command}`: {len(scores)} of the plan's {of} cases, commit {commit}.\n",
         _WHAT,
         "## What was asked\n",
-        *_goals(scores),
+        *_goals(scores, seen),
         "## What was said\n",
         "A row is what was concealed, a column what was named (equivalents count as right).\n",
         f"![Confusion]({draw_confusion(scores, pictures)})\n",
@@ -62,14 +71,19 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     return "\n".join([*lines, *(f"| {' | '.join(map(str, row))} |" for row in rows)]) + "\n"
 
 
-def _goals(scores: Sequence[Score]) -> list[str]:
+def _goals(scores: Sequence[Score], seen: Collection[str]) -> list[str]:
     rows = []
-    for g in goals(scores):
+    new = [s for s in scores if s.name not in seen]
+    for g, unseen in zip(goals(scores), goals(new), strict=True):
         low, high = g.interval()
         sign = "at most" if g.at_most else "at least"
         share = f"{g.hits} of {g.of}, {g.share:.0%} ({low:.0%} to {high:.0%})" if g.of else "no such case"
-        rows.append((g.title, f"{sign} {g.asked:.0%}", share, {True: "yes", False: "**no**", None: ""}[g.met]))
-    return [_table(("", "asked", "found (95 % interval)", "met"), rows)]
+        apart = f"{unseen.hits} of {unseen.of}" if unseen.of else ""
+        rows.append((g.title, f"{sign} {g.asked:.0%}", share, apart, {True: "yes", False: "**no**", None: ""}[g.met]))
+    say = (
+        f"{len(scores) - len(new)} of the cases had been run while the engine was built (`fits/concealed/seen.txt`).\n"
+    )
+    return [say, _table(("", "asked", "found (95 % interval)", "never run before", "met"), rows)]
 
 
 def _outcomes(scores: Sequence[Score]) -> list[str]:
@@ -127,9 +141,11 @@ def _calibration(scores: Sequence[Score]) -> list[str]:
     if not bins:
         return ["Nothing was named.\n"]
     rows = [(f"{b.believed:.1%}", f"{b.right:.1%}", b.number) for b in bins]
+    trusted = [(verdict, right, of) for verdict, (right, of) in by_verdict(scores).items()]
     return [
         f"Names given: mean gap between probability and truth {100 * gap:.1f} points (asked: at most 5).\n",
         _table(("probability said", "share that was right", "names"), rows),
+        _table(("verdict", "names that were right", "of"), trusted),
     ]
 
 

@@ -26,7 +26,7 @@ if __package__ in (None, ""):
 from tqdm import tqdm
 
 from fits.concealed.baselines import sindy
-from fits.concealed.cases import Case, plan
+from fits.concealed.cases import Case, plan, seen
 from fits.concealed.generate import generate, selected, selection
 from fits.concealed.page import write_page
 from fits.concealed.pool import ROOT, Worker
@@ -148,7 +148,7 @@ class Run:
         }
         write_whole(self.out / "results.json", content)
         for folder in filter(None, (self.out, docs)):
-            write_page(folder, found, others, commit=self.commits(), of=len(plan()), asked=self.asked)
+            write_page(folder, found, others, commit=self.commits(), of=len(plan()), asked=self.asked, seen=seen())
         return found
 
 

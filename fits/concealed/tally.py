@@ -111,6 +111,16 @@ def calibration(pairs: Iterable[tuple[float, bool]], edges: Sequence[float] = BI
     return bins, sum(abs(b.believed - b.right) * b.number for b in bins) / total if total else math.nan
 
 
+def by_verdict(scores: Iterable[Score]) -> dict[str, tuple[int, int]]:
+    """By verdict, how many of the names given were right, and of how many."""
+    out: dict[str, tuple[int, int]] = {}
+    for s in scores:
+        right, of = out.get(s.verdict, (0, 0))
+        if s.believed:
+            out[s.verdict] = (right + sum(ok for _, ok in s.believed), of + len(s.believed))
+    return dict(sorted(out.items()))
+
+
 def confusion(scores: Sequence[Score]) -> tuple[list[str], list[str], np.ndarray]:
     """(effects, what was said, counts) of single effects and of those outside the catalogue."""
     chosen = [s for s in scores if s.sort in ("single", "outside", "null")]

@@ -9,11 +9,16 @@ import sys
 import tempfile
 from argparse import Namespace
 from collections.abc import Callable, Iterator
+from importlib.metadata import version
 from pathlib import Path
 
 from scpjax.errors import ScpjaxError
 
 Progress = Callable[[str, float], None]
+
+LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=100000"
+"""Scans over small arrays run as one function, not step by step (``python benchmarks/scans.py``). XLA reads it once,
+when a process computes first."""
 
 
 class OutputError(ScpjaxError):
@@ -22,6 +27,9 @@ class OutputError(ScpjaxError):
 
 def start() -> None:
     """Double precision, and compiled functions kept between calls (``SCPJAX_CACHE``: where; empty: not)."""
+    flags = os.environ.get("XLA_FLAGS", "")
+    if knows_options() and "xla_backend_extra_options" not in flags:  # whoever has set some knows what they are for
+        os.environ["XLA_FLAGS"] = f"{flags} {LOOPS}".strip()
     import jax
 
     jax.config.update("jax_enable_x64", True)
@@ -32,6 +40,11 @@ def start() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+def knows_options() -> bool:
+    """Whether this XLA is known to know the options asked of it here: one that it does not ends the process."""
+    return (0, 7) <= tuple(int(n) for n in version("jaxlib").split(".")[:2]) <= (0, 10)
 
 
 def cache_folder() -> Path | None:

@@ -9,13 +9,12 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.screen import screen
-from scpjax.diagnose.select import Choice, Evidence, are_equal, is_better, prune
-from scpjax.diagnose.trials import State, without
+from scpjax.diagnose.select import EQUIVALENTS, Choice, Evidence, are_equal, is_better, prune
+from scpjax.diagnose.trials import State, afresh, without
 from scpjax.fit.setup import Setup
 
 _BY_PROMISE, _BY_RANK = 2, 1  # tried in the place of a name
 _PROMISE = 0.3  # of what the name promises beside the others, which one that is tried must promise at least
-_EQUIVALENTS = 3  # told of a name
 
 
 def exchanged(choice: Choice, base: State, split: Split, rules: Evidence, catalogue: Setup) -> Choice:
@@ -33,8 +32,9 @@ def exchanged(choice: Choice, base: State, split: Split, rules: Evidence, catalo
         bare = without(state, name, split)
         found: dict[str, State] = {name: state}
         for other in in_its_place(name, bare, choice.ranking, split, rules, catalogue):
-            after = prune(next(iter(by_law(bare, other, split).values())), split, rules)
-            if other in after.names:
+            fitted = next(iter(by_law(bare, other, split).values()), None)  # None where every fit blew up
+            after = None if fitted is None else prune(afresh(fitted, split), split, rules)
+            if after is not None and other in after.names:
                 found[other] = after
         best = name
         for other, after in found.items():
@@ -72,7 +72,7 @@ def _with(choice: Choice, state: State, name: str, best: str, alike: Sequence[st
     """The choice with ``best`` in the place of ``name``, whose probability it takes over."""
     chance = {best: choice.probability[name]} | choice.probability
     known = choice.equivalents.get(name, ()) if best == name else ()
-    same = tuple(dict.fromkeys((*alike, *known)))[:_EQUIVALENTS]
+    same = tuple(dict.fromkeys((*alike, *known)))[:EQUIVALENTS]
     equivalents = choice.equivalents | {best: tuple(n for n in same if n not in state.names)}
     return replace(
         choice,

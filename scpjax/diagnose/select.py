@@ -23,7 +23,8 @@ _SAME = 0.5  # RMS difference of predictions, in units of the noise, up to which
 _PLAIN = 100.0  # mean square, in units of the noise's, that is no matter of a law's form
 _CLOSE = 20.0  # difference of BIC (10 nats) up to which two mechanisms are close
 _WAYS = 2  # gone at a time
-_EQUIVALENTS = 3  # told of a mechanism, at most
+EQUIVALENTS = 3
+"""Told of a mechanism, at most."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,7 +198,7 @@ def equals(best: Comparison, others: Sequence[Comparison], before: State, split:
             continue
         if _equal(c.state, best.state, before, split, best.delta_bic - c.delta_bic):
             found.append((distance(c.state, best.state, split), c.added))
-    return tuple(name for _, name in sorted(found)[:_EQUIVALENTS])
+    return tuple(name for _, name in sorted(found)[:EQUIVALENTS])
 
 
 @dataclass(frozen=True)

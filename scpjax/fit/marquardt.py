@@ -69,9 +69,10 @@ class _State(eqx.Module):
 class Marquardt(optx.AbstractLeastSquaresSolver):
     """Least squares of a function that returns its residuals and, as its auxiliary output, their Jacobian.
 
-    `optimistix.LevenbergMarquardt` linearises the function itself, which for a simulation means keeping every step of
-    it and takes longer to trace than to run. Stops when the cost does: parameters that the data leave open drift for
-    ever without changing what is predicted, and a test on their steps never ends there.
+    `optimistix.LevenbergMarquardt` damps all parameters alike, and linearises the function itself, which for a
+    simulation means keeping every step of it (``python benchmarks/solver.py``). This stops when the cost does:
+    parameters that the data leave open drift for ever without changing what is predicted, and a test on their steps
+    never ends there.
 
     ``tolerance``: half the fall of the sum of squares in one step with which it is at rest, beside ``rtol`` of it;
     ``limit``: steps at most.

@@ -92,8 +92,23 @@ def first_state(model: Model, recording: Recording, noise: Mapping[str, float]):
         if n_t in clear and not any(j < n_t for j in first) and n_t == 1:
             slope = float(model.value("thermal_actuation.coefficient") / model.value("elastic_spring.stiffness"))
             warm[0] = clear[n_t] * (s.pulley_radius or 1.0) / slope
-        return model.initial(jnp.asarray(warm))
+        both_read = all(j in first for j in range(n_t + 1))
+        beside = _beside(model, warm, first, noise) if both_read and np.any(warm != 0) else 0.0
+        return model.initial(jnp.asarray(warm), displaced=beside)
     return model.initial(displaced=clear.get(0, 0.0), effort=effort0)
+
+
+def _beside(
+    model: Model, warm: np.ndarray, first: Mapping[int, tuple[float, str, float]], noise: Mapping[str, float]
+) -> float:
+    """How far [m] from its equilibrium at a temperature an actuator begins; 0 where the noise, of its displacement and
+    of the temperature by which its equilibrium is known, may be all of it."""
+    s, n = model.structure, len(model.structure.sides)
+    read = lambda t: float(model.observe(model.initial(jnp.asarray(t)), jnp.zeros(n))[n])  # noqa: E731
+    still, sigma = read(warm), {j: noise.get(column, 0.0) * scale for j, (_, column, scale) in first.items()}
+    doubt = np.hypot(sigma[n], sum(abs(read(warm + sigma[j] * np.eye(n)[j]) - still) for j in range(n)))
+    beside = first[n][0] - still
+    return beside * (s.pulley_radius or 1.0) if abs(beside) > _CLEAR * doubt else 0.0
 
 
 def _in_motion(model: Model, recording: Recording, z0: Array, method: Method) -> Array:

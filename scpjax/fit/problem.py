@@ -26,7 +26,8 @@ class Locals:
     """What is estimated for each recording: the state it began in."""
 
     temperature: bool  # K above ambient, per side
-    displaced: bool  # m from equilibrium, and velocity m/s
+    displaced: bool  # m from equilibrium
+    moving: bool = False  # m/s
     own: bool = False  # all states of a base of the user's own
 
     def count(self, structure: Structure) -> int:
@@ -35,7 +36,8 @@ class Locals:
     def names(self, structure: Structure) -> tuple[str, ...]:
         """Names of the entries for one recording."""
         names = [f"initial_temperature{'_' + s if s else ''}" for s in structure.sides] if self.temperature else []
-        names += ["initial_displacement", "initial_velocity"] if self.displaced else []
+        names += ["initial_displacement"] if self.displaced else []
+        names += ["initial_velocity"] if self.moving else []
         names += [f"initial_{state}" for state in structure.system.states] if self.own and structure.system else []
         return tuple(names)
 
@@ -46,7 +48,9 @@ def initial_state(model: Model, locals_: Locals, values: Float[Array, " l"], eff
         return model.initial(own=values if locals_.own else None, effort=effort)
     s = len(model.structure.sides)
     warm = values[:s] if locals_.temperature else 0.0
-    displaced, velocity = (values[-2], values[-1]) if locals_.displaced else (0.0, 0.0)
+    at = s if locals_.temperature else 0
+    displaced = values[at] if locals_.displaced else 0.0
+    velocity = values[-1] if locals_.moving else 0.0
     return model.initial(warm, displaced, velocity, effort)
 
 

@@ -17,7 +17,7 @@ from scpjax.fit.guess import Scales, guess_base
 from scpjax.fit.noise import noise_of
 from scpjax.fit.problem import Locals, Space, Trial
 from scpjax.fit.segments import cut_long
-from scpjax.fit.space import measured, null_values, space_of, starts_of
+from scpjax.fit.space import began_warm, measured, null_values, space_of, starts_of
 from scpjax.physics.catalogue import applicable, systems
 from scpjax.physics.mechanism import Mechanism
 from scpjax.physics.presets import structure as preset
@@ -146,6 +146,9 @@ def structure_for(recordings: Sequence[Recording], model: str | None, extra: Seq
     return base.with_mechanisms(*extra)
 
 
+_WARM = "a recording begins warm: how far the actuator stood beside its equilibrium then, was estimated beside the fit"
+
+
 def prepare(
     recordings: Sequence[Recording],
     *,
@@ -186,16 +189,19 @@ def prepare(
     guesses, scales = guess_base(recordings, s, ambient, known)
     bin = bin or bin_of(recordings, scales, max_bins)
     data = pack(s, recordings, sigma, ambient=ambient, bin=bin, order=order, substeps=substeps, pad_to=pad_to)
+    moving = s.mechanical and (release or not s.thermal)
     locals_ = Locals(
         temperature=s.thermal,
-        displaced=s.mechanical and (release or not s.thermal) and not cut_notes,
+        displaced=(moving or began_warm(s, recordings, ambient, sigma)) and not cut_notes,
+        moving=moving and not cut_notes,
         own=s.system is not None and not cut_notes,
     )
     starts, free_base = starts_of(s, guesses, known, scales, recordings, locals_, ambient)
     space = space_of(s, locals_, len(recordings), starts[0], scales, measured(s, recordings)[0], prior_strength)
     fixed_values = _held(s, scales, known, free_base, starts[0])
     active = np.concatenate([free_base, np.ones(space.size - len(free_base), bool)])
-    notes = tuple(d for r in whole for d in doubts(r)) + cut_notes + notes + known_notes
+    warm_notes = (_WARM,) if locals_.displaced and not moving else ()
+    notes = tuple(d for r in whole for d in doubts(r)) + cut_notes + notes + known_notes + warm_notes
     return Setup(s, recordings, data, space, fixed_values, active, tuple(starts), scales, tuple(known), notes)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from scpjax.fit.data import columns
 from scpjax.fit.guess import Guess, Scales
@@ -16,6 +17,8 @@ from scpjax.physics.settled import settled
 from scpjax.physics.structure import Structure
 from scpjax.recordings.recording import Recording
 from scpjax.simulate.drive import drive_values, effort
+
+_WARM = 6.0, 0.05  # a first temperature beyond these, of the noise and of the range seen, says that it began warm
 
 
 def null_values(s: Structure, scales: Scales) -> np.ndarray:
@@ -91,7 +94,7 @@ def _initial_guess(
         pull = slope * out[0]
     elif s.mechanical:
         pull = slope * float(np.asarray(effort(s.drive, drive_values(s, r)[:1], ambient=ambient))[0, 0])
-    return [*out, x - pull, 0.0] if locals_.displaced else out
+    return out + [x - pull] * locals_.displaced + [0.0] * locals_.moving
 
 
 def space_of(
@@ -126,10 +129,13 @@ def space_of(
                 spread + [np.inf if seen_t else 20.0] * n,
             )
         if locals_.displaced:
-            low, high, log = low + [-np.inf] * 2, high + [np.inf] * 2, log + [False] * 2
+            low, high, log = [*low, -np.inf], [*high, np.inf], [*log, False]
+            far = 0.3 if s.thermal else 3.0  # of the travel: what friction may hold, or a drive before the first sample
+            scale, mean, spread = [*scale, 0.1 * travel], [*mean, 0.0], [*spread, far * travel]
+        if locals_.moving:
+            low, high, log = [*low, -np.inf], [*high, np.inf], [*log, False]
             quick = np.sqrt(start[s.index["elastic_spring.stiffness"]] / start[s.index["inertia.mass"]])
-            scale += [0.1 * travel, 0.1 * travel * quick]
-            mean, spread = [*mean, 0.0, 0.0], [*spread, 3 * travel, 3 * travel * quick]
+            scale, mean, spread = [*scale, 0.1 * travel * quick], [*mean, 0.0], [*spread, 3 * travel * quick]
     bounds = Bounded(np.array(low), np.array(high), np.array(log), np.array(scale))
     return Space(s, locals_, n_rec, bounds, jnp.asarray(np.array(mean)), jnp.asarray(np.array(spread)))
 
@@ -154,6 +160,22 @@ def _prior(
     if mechanism == "newton_cooling" and not seen_t:
         spread = 1.0 if p.name == "thermal_mass" else 3.0
     return float(np.log(value)), spread / strength
+
+
+def began_warm(
+    s: Structure, recordings: Sequence[Recording], ambient: Sequence[float], sigma: Float[np.ndarray, " y"]
+) -> bool:
+    """Whether a recording, of temperature and displacement, says that its actuator had been driven before it began."""
+    if not (s.thermal and s.mechanical and all(measured(s, recordings))):
+        return False
+    for r, room in zip(recordings, ambient, strict=True):
+        for j, stem in columns(s, r):
+            if j < len(s.sides):
+                found = r.output(stem)
+                first = abs(float(np.median(found[:3])) - room)
+                if first > max(_WARM[0] * float(sigma[j]), _WARM[1] * float(np.ptp(found))):
+                    return True
+    return False
 
 
 def measured(s: Structure, recordings: Sequence[Recording]) -> tuple[bool, bool]:

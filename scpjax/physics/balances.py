@@ -98,6 +98,8 @@ class Balances:
             owns.append(tuple(self._join(z[at + i * s : at + (i + 1) * s]) for i in range(len(m.states))))
             at += s * len(m.states)
         view = View(self.ambient, effort, temperature, x, v, shared=self.shared, mass=self.moving_mass, step=self.step)
+        if s == 2:
+            view.radius = self.structure.pulley_radius or 0.0
         if self.structure.timed:
             view.time = z[at]
         if self.structure.system:
@@ -259,11 +261,12 @@ class Balances:
         zero = jnp.zeros((), self.dtype)
         clock = [zero] if self.structure.timed else []
 
-        def at(x: Array, v: Array) -> list[Array]:
-            """State at a coordinate, own states as after a long time there."""
+        def at(x: Array, v: Array, beside: Number = 0.0) -> list[Array]:
+            """State at a coordinate ``beside`` the equilibrium, own states as after a long time there."""
             moving = [x, v] if self.structure.mechanical else []
             view, owns = self._view([*heat, *moving, *begun, *[zero] * (n_own - len(begun)), *clock], effort)
             view.felt = self._fold("felt_temperature", view.temperature, view, owns)
+            view.displaced = self._signed(jnp.asarray(beside, self.dtype))
             states: list[Array] = []
             for m, p in zip(self.structure.mechanisms, self.values, strict=True):
                 given = begun if m is self.structure.system else m.initial(p, view) if m.states else ()
@@ -284,7 +287,7 @@ class Balances:
             force, slope = jax.jvp(net, (x,), (jnp.ones((), self.dtype),))
             x = x - force / slope
             x, v = x + displaced, jnp.asarray(velocity, self.dtype)
-        return jnp.stack([jnp.reshape(z, ()) for z in at(x, v)])
+        return jnp.stack([jnp.reshape(z, ()) for z in at(x, v, displaced)])
 
 
 def _has(m: Mechanism, hook: str) -> bool:

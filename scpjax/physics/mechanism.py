@@ -48,8 +48,10 @@ class View:
     felt: Array = field(default_factory=lambda: jnp.zeros(()))  # K above ambient, where the sensor touches
     actuating: Array = field(default_factory=lambda: jnp.zeros(()))  # K above ambient, that pulls
     deflection: Array = field(default_factory=lambda: jnp.zeros(()))  # m, that stretches the spring
+    displaced: Array | float = 0.0  # m, by which it begins beside its equilibrium; in initial() only
     time: Array | float = 0.0  # s since the recording began; for mechanisms with ``timed``
     mass: Array | float = 0.0  # kg, all that moves, scalar
+    radius: float = 0.0  # m, of a joint's pulley: its angle is the displacement over it; 0 where there is none
     asked: Array = field(default_factory=lambda: jnp.zeros(()))  # as effort, before any mechanism changed it
     step: Array | float = 0.0  # s, of the integrator; 0 where there is none (see `Mechanism.resistance`)
     shared: dict[str, Array] = field(default_factory=dict)  # base parameters others refer to: stiffness, thermal_mass

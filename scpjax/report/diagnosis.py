@@ -82,7 +82,8 @@ def write_diagnosis(
             "What was tried",
             page.text(
                 "Each mechanism was added to the base model and fitted. Evidence counts only where it also "
-                "predicts the held-out stretches better."
+                "predicts the held-out stretches better. Probabilities here are of that evidence alone; that of a "
+                "name above also counts how often such names were wrong where the truth was known."
             ),
             page.figure(shapes["ranking"], _RANKING_CAPTION) if "ranking" in shapes else "",
             _rounds(d),

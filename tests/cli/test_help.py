@@ -1,5 +1,6 @@
 """The program answers at once where nothing is to be computed."""
 
+import os
 import subprocess
 import sys
 import time
@@ -60,3 +61,15 @@ def test_cache_follows_the_environment(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     if sys.platform.startswith("linux"):
         assert cache_folder() == tmp_path / "scpjax"
+
+
+def test_what_the_user_told_the_compiler_is_left(monkeypatch):
+    from scpjax.cli.program import LOOPS, start
+
+    monkeypatch.setenv("XLA_FLAGS", "--xla_backend_extra_options=mine=1")
+    start()
+    assert os.environ["XLA_FLAGS"] == "--xla_backend_extra_options=mine=1"
+    monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_enable_fast_math=false")
+    start()
+    start()
+    assert os.environ["XLA_FLAGS"] == f"--xla_cpu_enable_fast_math=false {LOOPS}"

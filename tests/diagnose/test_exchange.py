@@ -37,7 +37,7 @@ def after_exchange(choice):
 @pytest.fixture
 def swaps(monkeypatch):
     """Costs of what stands in a name's place, what each promises, and what was tried."""
-    costs, promise, tried = {}, {"a": 100.0, "e": 90.0}, []
+    costs, promise, tried, fresh = {}, {"a": 100.0, "e": 90.0}, [], {}
 
     def by_law(bare, name, split):
         tried.append((*bare.names, name))
@@ -50,10 +50,11 @@ def swaps(monkeypatch):
     monkeypatch.setattr(exchange, "without", lambda s, name, _: state([n for n in s.names if n != name], 1e9))
     monkeypatch.setattr(exchange, "by_law", by_law)
     monkeypatch.setattr(exchange, "screen", screen)
+    monkeypatch.setattr(exchange, "afresh", lambda s, _: state(s.names, fresh.get(s.names[-1], s.cost)))
     monkeypatch.setattr(exchange, "prune", lambda s, *_: s)
     monkeypatch.setattr(exchange, "is_better", lambda a, b, *_: a.cost < b.cost)
     monkeypatch.setattr(exchange, "are_equal", lambda a, b, *_: abs(a.cost - b.cost) < 5.0)
-    return SimpleNamespace(costs=costs, promise=promise, tried=tried)
+    return SimpleNamespace(costs=costs, promise=promise, tried=tried, fresh=fresh)
 
 
 def test_what_had_evidence_in_the_round_of_a_name_stands_beside_it():
@@ -80,6 +81,11 @@ def test_a_better_one_takes_its_place_and_its_chance(swaps):
     assert swaps.tried == [("e", "b"), ("b", "a")]  # and what it took the place of, in the place of the other
 
 
+def test_one_is_judged_by_where_it_comes_to_rest_with_base_parameters_that_nothing_has_bent(swaps):
+    swaps.costs["b"], swaps.fresh["b"] = 150.0, 50.0
+    assert after_exchange(chosen(("a", "e"), 100.0)).state.names == ("e", "b")
+
+
 def test_one_that_nobody_ranked_may_be_better(swaps):
     """Beside a name that came first and was wrong it had no evidence."""
     swaps.promise["g"] = 95.0
@@ -101,6 +107,13 @@ def test_one_that_does_as_well_is_told(swaps):
 
 def test_a_worse_one_changes_nothing(swaps):
     swaps.costs["b"] = 150.0
+    found = after_exchange(chosen(("a", "e"), 100.0))
+    assert found.state.names == ("a", "e")
+    assert found.equivalents == {"a": ("z",), "e": ()}
+
+
+def test_one_whose_every_fit_blew_up_is_passed_over(swaps, monkeypatch):
+    monkeypatch.setattr(exchange, "by_law", lambda *_: {})
     found = after_exchange(chosen(("a", "e"), 100.0))
     assert found.state.names == ("a", "e")
     assert found.equivalents == {"a": ("z",), "e": ()}

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import scipy.integrate
 from diagnose.creeping import AMBIENT, BASE
 
 from scpjax.diagnose import outside
-from scpjax.diagnose.answer import answer
+from scpjax.diagnose.answer import TRUSTED, answer
 from scpjax.diagnose.closure import learn, offers
 from scpjax.diagnose.holdout import Split, split
 from scpjax.diagnose.latent import missing
@@ -23,6 +24,7 @@ from scpjax.fit.setup import prepare
 from scpjax.recordings import excitation
 from scpjax.recordings.recording import Metadata, Recording
 
+ROOT = Path(__file__).resolve().parents[2]
 NOISE = {"temperature_degC": 0.1, "displacement_mm": 0.03}
 LOSS, MASS = BASE["newton_cooling.conductance"], BASE["newton_cooling.thermal_mass"]
 TIME, DRIVE = excitation.multilevel_random(duration_s=120, period_s=0.1, hold_s=6, low=0, high=4, seed=3)
@@ -211,12 +213,23 @@ def test_a_law_of_another_form_is_named_and_corrected():
     assert form_at_most(base, named, parts)
     assert 1.15 < level(named, parts) < 4
     binned, lacking = lacking_in(base, parts)
-    choice, learned = beyond_names(parts, base, Choice(named, (), {}, {}), Evidence(), able(lacking))
+    chosen = Choice(named, (), {"nonlinear_heat_loss": 0.99}, {})
+    choice, learned = beyond_names(parts, base, chosen, Evidence(), able(lacking))
     assert choice.state.names == ("nonlinear_heat_loss",)
     assert learned is not None
     assert learned.state.setup.structure.mechanisms[-1].name in ("learned_heat", "learned_heat_curve")
     assert level(learned.state, parts) < level(named, parts)
     said = answer(parts, base, choice, learned, binned, lacking, notes=(), seconds=0.0, settings={})
     assert said.verdict == ("explained" if level(learned.state, parts) <= 1.15 else "unexplained")
+    assert said.mechanisms[0].probability == pytest.approx(0.99 * TRUSTED[said.verdict])
     assert said.closure is not None
     assert said.closure.expression in said.says
+
+
+def test_how_far_a_name_is_trusted_is_what_the_proof_counted():
+    rows = [line.split("|")[1:-1] for line in (ROOT / "docs" / "concealed.md").read_text().splitlines() if "|" in line]
+    verdicts = {"explained", "unexplained"}
+    counted = {row[0].strip(): [int(n) for n in row[1:]] for row in rows if row[0].strip() in verdicts}
+    assert set(counted) == verdicts
+    for verdict, (right, of) in counted.items():
+        assert TRUSTED[verdict] == pytest.approx((right + 1) / (of + 2))

@@ -129,3 +129,16 @@ def test_a_small_last_name_gives_way_to_a_correction_that_does_better(monkeypatc
     assert found.state.names == kept
     assert set(found.probability) == set(found.equivalents) == set(kept)
     assert (learned is not None) == (kept == ("a",))
+
+
+@pytest.mark.parametrize(("square", "looked"), [(1.0, False), (1.2, False), (4.0, True)])
+def test_a_base_that_leaves_little_has_not_been_bent(monkeypatch, square, looked):
+    """Mechanisms are tried from the parameters first suggested only where much is left that a bent base could hide."""
+    asked = []
+    nothing = SimpleNamespace(structure=SimpleNamespace(mechanisms=[]))
+    monkeypatch.setattr(select, "misfit", lambda *_: np.array([1.0, square]))
+    monkeypatch.setattr(select, "screen", lambda *_: [])
+    monkeypatch.setattr(select, "fresh", lambda *_: asked.append(True))
+    monkeypatch.setattr(select, "fit_promising", lambda *_: {})
+    assert select.try_all(None, None, Evidence(), nothing, max_steps=1, tell=print) == []  # type: ignore[arg-type]
+    assert bool(asked) == looked

@@ -156,13 +156,15 @@ def test_the_page_shows_every_case(tmp_path):
     assert len(set(words)) == len(words)
     assert counts[effects.index("nothing"), words.index("nothing")] == 1
     assert counts[effects.index("coil"), words.index("something unnamed")] == 1
-    page = write_page(tmp_path, scores, {"narx": {"a": 1.5, "b": math.inf}}, commit="abc", of=515)
+    page = write_page(tmp_path, scores, {"narx": {"a": 1.5, "b": math.inf}}, commit="abc", of=515, seen={"b"})
     text = page.read_text()
     for name in ("confusion", "kept", "calibration"):
         assert f"concealed/{name}.svg" in text
         assert (tmp_path / "concealed" / f"{name}.svg").stat().st_size > 1000
     assert "| `b` | single-slack | 5.0 | misnamed | friction |" in text
-    assert "1 of 2, 50%" in text
+    assert "1 of 2, 50% (9% to 91%) | 1 of 1 |" in text
+    assert "1 of the cases had been run" in text
+    assert "| explained | 1 | 2 |" in text
     assert "diverged" in text
 
 

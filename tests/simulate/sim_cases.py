@@ -69,7 +69,7 @@ KINKED = ("antagonist_load", "drive_dead_zone", "fatigue", "friction", "hysteres
 
 ALONE = [m for m in left_out() if "joint" not in m.needs]  # what one actuator can have
 LEFT_OUT = [m.name for m in ALONE]
-CASES = [(m.name, law) for m in ALONE for law in range(len(m.laws))]
+CASES = [(m.name, law) for m in ALONE for law in range(len(m.laws)) if "joint" not in m.law_needs.get(law, ())]
 
 
 def case_id(case: tuple[str, int]) -> str:

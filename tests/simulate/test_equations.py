@@ -82,18 +82,24 @@ def creeping(law):
 
 def hysteresis(law):
     width = 0.15 * 0.01
+    weights = np.exp(-0.5 * np.array([1.0, 0.6, 0.25]))
+    weights /= weights.sum()
 
     def rates(_t, z, u):
-        t, x, v, q, q2 = z
+        t, x, v, q, *others = z
         warming = (u / R - LAM * t) / C_TH
         moved = warming * 0.01 / 50.0 if law == 3 else v
         filled = abs(q) ** (8 if law >= 2 else 3) if moved * q > 0 else 0.0
         slip = (v - abs(v) * q) / width if law == 1 else moved / width * (1 - filled)
-        other = 3 * moved / width * (1 - (q2**8 if moved * q2 > 0 else 0.0)) if law >= 2 else 0.0
-        force = 0.4 * K * width * (q if law < 2 else (q + q2 / 3) / 2)
-        return [warming, *mechanics(x, v, t, K * x + force), slip, other]
+        narrower = [
+            moved / (width * share) * (1 - (y**8 if moved * y > 0 else 0.0)) if law >= 2 else 0.0
+            for share, y in zip((0.6, 0.25), others, strict=True)
+        ]
+        played = np.dot(weights, np.array([1.0, 0.6, 0.25]) * np.array([q, *others]))
+        force = 0.4 * K * width * (q if law < 2 else played)
+        return [warming, *mechanics(x, v, t, K * x + force), slip, *narrower]
 
-    return rates, (*START, 0.0, 0.0)
+    return rates, (*START, 0.0, 0.0, 0.0)
 
 
 def late(law):

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.integrate
+import scipy.optimize
 from sim_cases import ACTUATOR, PLANT, extended, multilevel, recorded, with_active, worst
 from written_out import C_TH, LAM, WARM, K, R
 
@@ -51,6 +52,28 @@ def test_both_actuators_of_a_joint_draw_on_one_supply():
     warm = model.initial(temperature=jnp.array([4.0, 1.0]))
     asked = model.balances().holding([warm[i] for i in range(len(warm))], jnp.zeros(2))
     np.testing.assert_allclose(model.rates(warm, asked)[:2], 0.0, atol=1e-9)
+
+
+def test_a_link_pulls_its_joint_back_as_a_pendulum():
+    """At rest: 2 k x + a k x_ref (sin(phi_0 + x/r) - sin(phi_0)) = C (T_1 - T_2), so it turns further up than down."""
+    base = presets.aaa(PLANT, pulley_radius=0.015)
+    structure = extended(base.structure, "antagonist_load")
+    laws = [3.0 * (m.name == "antagonist_load") for m in structure.mechanisms]
+    numbers = {"strength": 6.0, "angle": 0.6, "reference": 0.004}
+    model = Model(structure, laws=laws).replace(base.values() | {f"antagonist_load.{k}": v for k, v in numbers.items()})
+    k, c = (float(PLANT.value(key)) for key in ("elastic_spring.stiffness", "thermal_actuation.coefficient"))
+    angles = []
+    for warm in (90.0, -90.0):  # of the agonist beyond the antagonist, or the other way
+
+        def pulled(x, warm=warm):
+            return 2 * k * x + 6.0 * k * 0.004 * (np.sin(0.6 + x / 0.015) - np.sin(0.6)) - c * warm
+
+        x = scipy.optimize.brentq(pulled, -0.02, 0.02)
+        z = model.initial(temperature=jnp.array([max(warm, 0.0), max(-warm, 0.0)])).at[2].set(x)
+        effort = model.balances().holding([z[i] for i in range(len(z))], jnp.zeros(2))
+        np.testing.assert_allclose(model.rates(z, effort), 0.0, atol=1e-9)
+        angles.append(x / 0.015)
+    assert angles[0] > 1.05 * abs(angles[1]) > 0.2  # the higher it is, the shorter the lever that is left to raise
 
 
 def test_every_mechanism_vanishes_in_a_joint():

@@ -1,4 +1,4 @@
-"""Something that pulls back: a spring that engages on the way, a rubber band, another muscle."""
+"""Something that pulls back: a spring that engages on the way, a rubber band, another muscle, the weight of a link."""
 
 from typing import ClassVar
 
@@ -19,24 +19,30 @@ class AntagonistLoad(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "law one-sided spring: F = -a k (x - x_0) beyond x_0;  law hardening: F = -a k (x - x_0)^2/x_ref beyond x_0;  "
-        "law rubber band: F = -a k L (f(s) - f(s_0)), f = (s - 1/s^2)(1 + 1/s)/f'(s_0), s = s_0 + x/L, s_0 = 1.1"
+        "law rubber band: F = -a k L (f(s) - f(s_0)), f = (s - 1/s^2)(1 + 1/s)/f'(s_0), s = s_0 + x/L, s_0 = 1.1;  "
+        "law link: F = -a k x_ref (sin(phi_0 + x/r) - sin(phi_0)) on a joint whose pulley has the radius r"
     )
     source = (
         "unilateral spring: Shaw, Holmes, J. Sound Vib. 90 (1983) 129; Hertzian hardening: Johnson, Contact Mechanics; "
-        "rubber: Mooney, J. Appl. Phys. 11 (1940) 582, with equal constants"
+        "rubber: Mooney, J. Appl. Phys. 11 (1940) 582, with equal constants; "
+        "link: the gravity torque of a pendulum, Spong, Hutchinson, Vidyasagar, Robot Modeling and Control, ch. 7"
     )
-    says = "A second spring, a rubber band or another muscle takes up part of the pull, and not in proportion."
+    says = (
+        "A second spring, a rubber band, another muscle or the weight of what a joint raises takes up part of the "
+        "pull, and not in proportion."
+    )
     needs = ("mechanical",)
     excited_by = "steady states from small to large displacements"
-    laws = ("one-sided spring", "hardening", "rubber band")
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"onset": (0, 1), "length": (2,)}
+    laws = ("one-sided spring", "hardening", "rubber band", "link")
+    law_needs: ClassVar[dict[int, tuple[str, ...]]] = {3: ("joint",)}
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"onset": (0, 1), "length": (2,), "angle": (3,)}
     parameters = (
         Parameter(
             name="strength",
             symbol="a",
             unit="1",
             description="stiffness as a share of k: engaged, at the reference displacement beyond its onset, or of the "
-            "rubber band at rest",
+            "rubber band at rest; pull of the link's weight, held level, as a share of k x_ref",
             typical=0.5,
             bounds=(0.003, 300.0),
             null=0.0,
@@ -63,6 +69,17 @@ class AntagonistLoad(Mechanism):
             spread=1.0,
         ),
         Parameter(
+            name="angle",
+            symbol="phi_0",
+            unit="rad",
+            description="angle of the link from hanging straight down, at rest",
+            typical=0.0,
+            bounds=(-1.57, 1.57),
+            null=0.0,
+            scale="linear",
+            spread=1.0,
+        ),
+        Parameter(
             name="reference",
             symbol="x_ref",
             unit="m",
@@ -73,12 +90,16 @@ class AntagonistLoad(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.7, 0.5, 1.0, 0.0), (2.0, 0.75, 0.2, 0.0))
+    starts = ((0.7, 0.5, 1.0, 0.7, 0.0), (2.0, 0.75, 0.2, -0.7, 0.0))
 
     def force(self, p: Values, view: View) -> Side:
         stretch = jnp.maximum(STRETCHED + view.displacement / (p.reference * p.length), SHORTEST)
         rubber = p.length * (_rubber(stretch) - _rubber(STRETCHED)) / _SLOPE
-        return jnp.where(p.law == 2, -p.strength, 0.0) * view.shared["stiffness"] * p.reference * rubber
+        pull = jnp.where(p.law == 2, rubber, 0.0)
+        if view.radius:  # there is one link, and the agonist raises it
+            raised = jnp.sin(p.angle + view.displacement / view.radius) - jnp.sin(p.angle)
+            pull = jnp.where(p.law == 3, raised * jnp.array([1.0, 0.0]), pull)
+        return -p.strength * view.shared["stiffness"] * p.reference * pull
 
     def resistance(self, p: Values, view: View, force: Side) -> Side:
         """Of the springs that engage, at the displacement that a step would end at: y beyond the onset.
@@ -97,7 +118,7 @@ class AntagonistLoad(Mechanism):
         linear = free / (1.0 + share)
         square = 2.0 * free / (1.0 + jnp.sqrt(1.0 + 4.0 * share * jnp.maximum(free, 0.0)))
         engaged = jnp.where(p.law == 0, linear, square * square)
-        return jnp.where(p.law == 2, 0.0, -back) * p.reference * engaged
+        return jnp.where(p.law < 2, -back, 0.0) * p.reference * engaged
 
 
 def _rubber(s: Side | float) -> Side | float:

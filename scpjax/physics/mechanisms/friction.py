@@ -102,7 +102,10 @@ class Friction(Mechanism):
         return (jnp.where(gives, rate - jnp.abs(rate) * jnp.clip(view.own[0], -OVER, OVER), 0.0),)
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
-        return (jnp.zeros_like(view.displacement),)
+        """What holds it beside its equilibrium, if it begins there (law Dahl)."""
+        most = jnp.maximum(p.strength, 1e-9) * p.reference  # m, that it could hold
+        held = jnp.where(p.law == 2, jnp.clip(-view.displaced / most, -1.0, 1.0), 0.0)
+        return (held * jnp.ones_like(view.displacement),)
 
     def resistance(self, p: Values, view: View, force: Side) -> Side:
         """At the velocity u of a step's end, as if ``m (u - v)/step = force - damping (u - v)/2 + friction(u)``.

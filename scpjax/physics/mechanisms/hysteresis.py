@@ -1,5 +1,6 @@
 """Hysteresis: heating and cooling take different paths through the same displacement."""
 
+import math
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -9,7 +10,9 @@ from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
 OVER = 1.05  # |z| stays below 1 but for the integrator's overshoot, which is cut off here
 
-NARROWER = 3.0  # the second play's width goes into that of the first so many times
+SHARES = (1.0, 0.6, 0.25)  # widths of the plays, as shares of the widest
+DECAY = 0.5  # how much less the wider ones weigh
+PLAYS = tuple(share * math.exp(-DECAY * share) / sum(math.exp(-DECAY * other) for other in SHARES) for share in SHARES)
 SHARP = 8.0  # sharpness of the corners of plays
 
 
@@ -19,12 +22,13 @@ class Hysteresis(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "F = -h k w z;  law Bouc-Wen: dz/dt = (v/w) (1 - |z|^n (1 + sign(v z))/2);  law Duhem: dz/dt = (v - |v| z)/w;  "
-        "law plays: two plays of widths w and w/3, F = -h k w (z + z_2/3)/2, each as Bouc-Wen with n = 8;  "
-        "law thermal plays: the same, moved by dT/dt x_ref/T_ref in place of v"
+        "law plays: three plays, F = -h k sum p_i w_i z_i, w_i = 0.25 w, 0.6 w and w, p_i = exp(-w_i/2w)/sum, z_i as "
+        "Bouc-Wen with n = 8 and w_i;  law thermal plays: the same, moved by dT/dt x_ref/T_ref in place of v"
     )
     source = (
         "Bouc-Wen, rate independent: Ismail, Ikhouane, Rodellar, Arch. Comput. Methods Eng. 16 (2009) 161; Duhem and "
-        "plays: Visintin, Differential Models of Hysteresis (1994), ch. III, V"
+        "plays: Visintin, Differential Models of Hysteresis (1994), ch. III, V; weights falling "
+        "exponentially: Al Janaideh, Rakheja, Su, IEEE/ASME Trans. Mechatronics 16 (2011) 734"
     )
     says = "The way back is not the way there: after a reversal the displacement stays behind."
     needs = ("mechanical",)
@@ -32,7 +36,7 @@ class Hysteresis(Mechanism):
     laws = ("Bouc-Wen", "Duhem", "plays", "thermal plays")
     law_needs: ClassVar[dict[int, tuple[str, ...]]] = {3: ("thermal",)}
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {"sharpness": (0,)}
-    states = ("internal_stretch", "second_stretch")
+    states = ("internal_stretch", "second_stretch", "third_stretch")
     parameters = (
         Parameter(
             name="strength",
@@ -48,7 +52,8 @@ class Hysteresis(Mechanism):
             name="width",
             symbol="w",
             unit="1",
-            description="displacement over which the element slips, as a share of the reference displacement",
+            description="displacement over which the element, or the widest play, slips, as a share of the reference "
+            "displacement",
             typical=0.1,
             bounds=(0.001, 2.0),
             null=0.1,
@@ -88,24 +93,30 @@ class Hysteresis(Mechanism):
     starts = ((0.3, 0.15, 3.0, 0.0, 0.0), (2.0, 0.02, 2.0, 0.0, 0.0))
 
     def force(self, p: Values, view: View) -> Side:
-        first, second = (jnp.clip(z, -OVER, OVER) for z in view.own)
-        stretch = jnp.where(p.law >= 2, 0.5 * (first + second / NARROWER), first)
+        stretches = [jnp.clip(z, -OVER, OVER) for z in view.own]
+        played = sum(each * z for each, z in zip(PLAYS, stretches, strict=True))
+        stretch = jnp.where(p.law >= 2, played, stretches[0])
         return -p.strength * view.shared["stiffness"] * p.width * p.reference * stretch
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
-        first, second = (jnp.clip(z, -OVER, OVER) for z in view.own)
         moved = jnp.where(p.law == 3, view.warming / p.reference_temperature, view.velocity / p.reference)
+        first, *others = (jnp.clip(z, -OVER, OVER) for z in view.own)
         rate = moved / p.width
         sharpness = jnp.where(p.law >= 2, SHARP, p.sharpness)
         fill = jnp.exp(sharpness * jnp.log(jnp.sqrt(first**2 + 1e-12)))
         slip = rate * (1.0 - fill * jnp.where(rate * first > 0, 1.0, 0.0))
         slip = jnp.where(p.law == 1, rate - jnp.abs(rate) * first, slip)
-        eighth = ((second * second) ** 2) ** 2
-        other = NARROWER * rate * (1.0 - eighth * jnp.where(rate * second > 0, 1.0, 0.0))
         # left out (strength 0), the element rests: its state could not matter and a step might be too long for it
         there = p.strength > 0
-        return (jnp.where(there, slip, 0.0), jnp.where(there & (p.law >= 2), other, 0.0))
+        out = [jnp.where(there, slip, 0.0)]
+        for z, share in zip(others, SHARES[1:], strict=True):
+            eighth = ((z * z) ** 2) ** 2
+            narrower = rate / share * (1.0 - eighth * jnp.where(rate * z > 0, 1.0, 0.0))
+            out.append(jnp.where(there & (p.law >= 2), narrower, 0.0))
+        return tuple(out)
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
-        rest = jnp.zeros_like(view.displacement)
-        return (rest, rest)
+        """What holds it beside its equilibrium, if it begins there: F = k displaced."""
+        whole = jnp.where(p.law >= 2, sum(PLAYS), 1.0)
+        most = jnp.maximum(p.strength * p.width * whole, 1e-9) * p.reference  # m, that it could hold
+        return (jnp.clip(-view.displaced / most, -1.0, 1.0) * jnp.ones_like(view.displacement),) * len(self.states)

@@ -1,0 +1,126 @@
+"""A recording that begins in the middle: what held the actuator beside its equilibrium then, holds it in the model."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from scpjax.diagnose.holdout import split
+from scpjax.diagnose.outside import level
+from scpjax.diagnose.rivals import added
+from scpjax.diagnose.trials import State, residual_on
+from scpjax.fit.fit import best_start
+from scpjax.fit.predict import first_state, predict
+from scpjax.fit.setup import prepare
+from scpjax.physics.catalogue import mechanism
+from scpjax.physics.model import Model
+from scpjax.physics.presets import aaa, plant
+from scpjax.recordings.recording import Metadata, Recording
+from scpjax.simulate.simulate import simulate
+
+PLANT = plant(
+    resistance=1.2, conductance=0.14, thermal_mass=1.1, coefficient=0.022, stiffness=200.0, damping=5.0, mass=0.1
+)
+NOISE = {"temperature_degC": 0.02, "displacement_mm": 0.002}
+HELD = [
+    ("friction", 0, {"strength": 0.15, "velocity_time": 300.0}),
+    ("friction", 2, {"strength": 0.15, "presliding": 0.02}),
+    ("hysteresis", 0, {"strength": 0.5, "width": 0.2}),
+    ("hysteresis", 3, {"strength": 0.5, "width": 0.2, "reference_temperature": 60.0}),
+]
+
+
+def holding(name: str, law: int, values: dict[str, float]) -> Model:
+    structure = PLANT.structure.with_mechanisms(mechanism(name))
+    laws = [float(law) if m.name == name else 0.0 for m in structure.mechanisms]
+    own = {f"{name}.{k}": v for k, v in (values | {"reference": 0.006}).items()}
+    return Model(structure, laws=laws).replace(PLANT.values() | own)
+
+
+def recorded(model: Model, begins: float, *, noise: float = 0.0) -> Recording:
+    """A recording of a model that has been heated for ``begins`` seconds before."""
+    time = 0.1 * np.arange(900)
+    volts = np.repeat([7.0, 0.0, 5.0, 2.0, 6.5, 0.0, 4.0, 6.0, 1.0], 100)
+    channels = {"temperature_degC": np.zeros(900), "displacement_mm": np.zeros(900)}
+    room = Metadata(ambient_K=float(model.ambient))
+    blank = Recording.from_arrays(time, {"voltage_V": volts}, channels, metadata=room)
+    y = np.asarray(simulate(model, blank).outputs)
+    y = y + noise * np.array([0.02, 2e-6]) * np.random.default_rng(1).standard_normal(y.shape)
+    return blank.with_outputs(y).slice(begins)
+
+
+@pytest.mark.parametrize("held", HELD, ids=lambda h: f"{h[0]}-{h[1]}")
+def test_what_can_hold_it_there_does(held):
+    model = holding(*held)
+    mine = model.structure.state_names.index("displacement")
+    still = model.initial(temperature=20.0)
+    beside = 0.5 * float(still[mine]) * (0.1 if held[0] == "friction" else 0.05)
+    for displaced in (beside, -beside):
+        z = model.initial(temperature=20.0, displaced=displaced)
+        assert float(z[mine] - still[mine]) == pytest.approx(displaced)
+        push = float(model.value("elastic_spring.stiffness")) * abs(displaced) / 0.1  # m/s^2, of the spring alone
+        if (held[0], held[1]) != ("friction", 0):  # dry friction is no force at rest, but what an integrator finds
+            effort = model.balances().holding([z[i] for i in range(len(z))], jnp.zeros(1))
+            assert abs(float(model.rates(z, effort)[mine + 1])) < 0.02 * push
+
+
+@pytest.mark.parametrize("held", HELD, ids=lambda h: f"{h[0]}-{h[1]}")
+@pytest.mark.parametrize("begins", [8.0, 19.0])
+def test_prediction_of_one_that_begins_in_the_middle(held, begins):
+    model = holding(*held)
+    recording = recorded(model, begins)
+    x = 1e3 * recording.output("displacement")
+    _, said = predict(model, recording, noise=NOISE)
+    off = np.sqrt(np.mean((said["displacement_mm"] - x)[:60] ** 2))
+    forgetful = model.initial(temperature=recording.output("temperature")[0] - float(model.ambient))
+    at_rest = 1e3 * np.asarray(simulate(model, recording, initial=forgetful).outputs)[:, 1]
+    assert off < 0.1 * np.sqrt(np.mean((at_rest - x)[:60] ** 2))
+
+
+@pytest.mark.parametrize("held", HELD[1:], ids=lambda h: f"{h[0]}-{h[1]}")
+def test_what_holds_a_joint_pushes_on_both_sides(held):
+    joint = aaa(PLANT, pulley_radius=0.015)
+    structure = joint.structure.with_mechanisms(mechanism(held[0]))
+    laws = [float(held[1]) if m.name == held[0] else 0.0 for m in structure.mechanisms]
+    own = {f"{held[0]}.{k}": v for k, v in (held[2] | {"reference": 0.006}).items()}
+    model = Model(structure, laws=laws).replace(joint.values() | own)
+    z = model.initial(temperature=jnp.array([30.0, 10.0]), displaced=2e-4)
+    effort = model.balances().holding([z[i] for i in range(len(z))], jnp.zeros(2))
+    assert abs(float(model.rates(z, effort)[3])) < 0.02 * 2 * 200.0 * 2e-4 / 0.2  # m/s^2, of the springs alone
+
+
+def test_what_the_noise_of_either_sensor_may_make_holds_nothing():
+    """The equilibrium is known by the first temperature: 1 K off, and it stands elsewhere."""
+    model = holding(*HELD[2])
+    recording = recorded(PLANT, 8.0)
+    y = np.stack([recording.output("temperature"), recording.output("displacement")], axis=1)
+    y[0, 0] += 1.0
+    begun = lambda kelvin: first_state(model, recording.with_outputs(y), NOISE | {"temperature_degC": kelvin})  # noqa: E731
+    at = model.structure.state_names.index("hysteresis.internal_stretch")
+    assert float(begun(1.0)[at]) == 0.0
+    assert abs(float(begun(0.02)[at])) > 0.1
+
+
+def test_friction_is_found_in_recordings_that_began_in_it(monkeypatch):
+    recordings = [recorded(holding(*HELD[0]), t, noise=1.0) for t in (8.0, 19.0)]
+    left = {}
+    for estimated in (True, False):
+        if not estimated:
+            monkeypatch.setattr("scpjax.fit.setup.began_warm", lambda *_: False)
+        setup = prepare(recordings)
+        parts = split(setup.data)
+        trial, _, _ = best_start(setup, parts.train)
+        residual = residual_on(trial, parts.whole, setup)
+        base = State(setup, trial, residual, float(np.sum(residual[parts.is_train] ** 2)))
+        left[estimated] = level(added(base, "friction", parts), parts)
+    assert left[True] < 1.15
+    assert left[False] > 2 * left[True]
+
+
+def test_where_it_began_is_estimated_for_a_recording_that_began_warm():
+    warm, cold = (recorded(holding(*HELD[0]), t, noise=1.0) for t in (8.0, 0.0))
+    names = lambda *r: prepare(r).space.locals.names(PLANT.structure)  # noqa: E731
+    assert names(warm) == ("initial_temperature", "initial_displacement")
+    assert names(cold, warm) == ("initial_temperature", "initial_displacement")
+    assert names(cold) == ("initial_temperature",)
