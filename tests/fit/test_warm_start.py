@@ -46,7 +46,9 @@ def recorded(model: Model, begins: float, *, noise: float = 0.0) -> Recording:
     room = Metadata(ambient_K=float(model.ambient))
     blank = Recording.from_arrays(time, {"voltage_V": volts}, channels, metadata=room)
     y = np.asarray(simulate(model, blank).outputs)
-    y = y + noise * np.array([0.02, 2e-6]) * np.random.default_rng(1).standard_normal(y.shape)
+    y = y + noise * np.array(
+        [0.02, 2e-5]
+    )  # well above what a step of 0.1 s errs at a reversal * np.random.default_rng(1).standard_normal(y.shape)
     return blank.with_outputs(y).slice(begins)
 
 
