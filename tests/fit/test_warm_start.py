@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from scpjax.diagnose.holdout import split
-from scpjax.diagnose.outside import level
 from scpjax.diagnose.rivals import added
-from scpjax.diagnose.trials import State, residual_on
+from scpjax.diagnose.trials import State, misfit, residual_on
 from scpjax.fit.fit import best_start
 from scpjax.fit.predict import first_state, predict
 from scpjax.fit.setup import prepare
@@ -23,6 +22,7 @@ PLANT = plant(
     resistance=1.2, conductance=0.14, thermal_mass=1.1, coefficient=0.022, stiffness=200.0, damping=5.0, mass=0.1
 )
 NOISE = {"temperature_degC": 0.02, "displacement_mm": 0.002}
+ADDED = np.array([0.02, 2e-5])  # K, m; the second well above what a step of 0.1 s errs at a reversal
 HELD = [
     ("friction", 0, {"strength": 0.15, "velocity_time": 300.0}),
     ("friction", 2, {"strength": 0.15, "presliding": 0.02}),
@@ -46,9 +46,7 @@ def recorded(model: Model, begins: float, *, noise: float = 0.0) -> Recording:
     room = Metadata(ambient_K=float(model.ambient))
     blank = Recording.from_arrays(time, {"voltage_V": volts}, channels, metadata=room)
     y = np.asarray(simulate(model, blank).outputs)
-    y = y + noise * np.array(
-        [0.02, 2e-5]
-    )  # well above what a step of 0.1 s errs at a reversal * np.random.default_rng(1).standard_normal(y.shape)
+    y = y + noise * ADDED * np.random.default_rng(int(begins)).standard_normal(y.shape)
     return blank.with_outputs(y).slice(begins)
 
 
@@ -115,7 +113,8 @@ def test_friction_is_found_in_recordings_that_began_in_it(monkeypatch):
         trial, _, _ = best_start(setup, parts.train)
         residual = residual_on(trial, parts.whole, setup)
         base = State(setup, trial, residual, float(np.sum(residual[parts.is_train] ** 2)))
-        left[estimated] = level(added(base, "friction", parts), parts)
+        found = added(base, "friction", parts)
+        left[estimated] = float(np.max(misfit(found, parts) * (setup.data.sigma / ADDED) ** 2))
     assert left[True] < 1.15
     assert left[False] > 2 * left[True]
 
