@@ -47,7 +47,9 @@ class Link:
         self.events: list[Event] = []
         self.resistances: list[Resistance] = []
         self.listener: Callable[[float, Sample], None] | None = None  # told every sample, by whoever reads
-        self._news = threading.Condition(threading.RLock())
+        lock = threading.RLock()
+        self._news = threading.Condition(lock)
+        self._trouble = threading.Condition(lock)  # of the same lock: for those who wait for nothing else
         self._decoder = Decoder()
         self._replies: dict[int, Reply] = {}
         self._asked: set[int] = set()
@@ -150,6 +152,7 @@ class Link:
             if self._failed is None:
                 self._failed = error
             self._news.notify_all()
+            self._trouble.notify_all()
 
     def _pump(self, timeout: float) -> None:
         """Read once: to disk first, then parsed."""
@@ -206,6 +209,7 @@ class Link:
             self.events.append(message)
             if message.what != m.TABLE_END:
                 self._cut = message
+                self._trouble.notify_all()
         elif isinstance(message, Calibration):
             self._calibration = message
         else:
@@ -213,8 +217,14 @@ class Link:
 
     # -- waiting -------------------------------------------------------------------------------------------------
 
-    def _until(self, done: Callable[[], T | None], timeout: float, what: str, *, beats: bool = False) -> T:
-        """Wait for a value. **Raises** `NoAnswer` after ``timeout``, and what failed meanwhile."""
+    def _until(
+        self, done: Callable[[], T | None], timeout: float, what: str, *, beats: bool = False, looks: bool = True
+    ) -> T:
+        """Wait for a value, looking for it at every reading unless ``looks`` is False.
+
+        **Raises** `NoAnswer` after ``timeout``, and what failed meanwhile.
+        """
+        told = self._news if looks else self._trouble
         deadline = self.device.now() + timeout
         while True:
             with self._news:
@@ -227,7 +237,7 @@ class Link:
                     mend = "check the cable, and that no other program holds the port"
                     raise NoAnswer(f"no answer to {what}", where=self.device.name, mend=mend)
                 if not self.device.lock_step:
-                    self._news.wait(min(left, 0.05))
+                    told.wait(min(left, 0.05))
             if self.device.lock_step:
                 self._pump(min(left, 0.05))
             if beats:
@@ -255,7 +265,7 @@ class Link:
             return True if until is not None and until() else None
 
         with contextlib.suppress(NoAnswer):
-            self._until(done, seconds, "", beats=True)
+            self._until(done, seconds, "", beats=True, looks=until is not None)
 
     def samples(self, seconds: float) -> Iterator[tuple[float, Sample]]:
         """Samples of the next ``seconds``, each with its time [s] on the board's clock, as they come."""

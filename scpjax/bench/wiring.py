@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import functools
 import math
 import os
 import tomllib
@@ -53,6 +54,14 @@ class Thermistors:
         ohms = divider_resistance(np.where(good, volts, 1.0), fixed_ohm=self.fixed_ohm, supply_V=REFERENCE_V)
         kelvin = thermistor_temperature(ohms, nominal_ohm=self.nominal_ohm, beta_K=self.beta_K)
         return np.where(good, kelvin, np.nan)
+
+    def reading(self, counts: int) -> float:
+        """Kelvin of the counts of one sample, looked up; NaN as `temperature`."""
+        return self._table[counts] if counts < FULL else math.nan
+
+    @functools.cached_property
+    def _table(self) -> list[float]:
+        return self.temperature(np.arange(FULL)).tolist()
 
     def volts(self, kelvin: Any) -> Any:
         """Volts at the tap."""
@@ -157,7 +166,7 @@ class Wiring:
         """A sample in the units of the columns: drives, then responses."""
         out = [self.supply_V * math.sqrt(p / 255.0) for p in sample.pwm[: self.sides]]
         if self.thermistors.fitted:
-            out += [float(self.thermistors.temperature(c)) - ZERO_C for c in sample.thermistors[: self.sides]]
+            out += [self.thermistors.reading(c) - ZERO_C for c in sample.thermistors[: self.sides]]
         if self.position.source != "none":
             out.append(self.measured(sample) * (1e3 if self.sides == 1 else 180 / math.pi))
         return out
