@@ -75,7 +75,7 @@ def answer(
         missing=lacking,
         base_parameters={k: e for k, e in every.items() if k.split(".")[0] in setup.structure.base},
         not_identifiable=doubt.open_directions,
-        notes=setup.notes + notes,
+        notes=setup.notes + notes + _nearest(choice),
         model=fitted,
         base_model=final_model(setup, base_final),
         traces=traces(setup, parts.whole, base.trial, state.trial, parts.mask, extended_setup=problem),
@@ -144,6 +144,15 @@ def _named(choice: Choice, every: Mapping) -> tuple[Named, ...]:
             )
         )
     return tuple(out)
+
+
+def _nearest(choice: Choice) -> tuple[str, ...]:
+    """A note on the names that were given up."""
+    names, left = choice.given_up
+    if not names:
+        return ()
+    said = f"nearest in the catalogue: {' with '.join(names)}, which leaves {100 * left:.0f} % of what was held out"
+    return (f"{said} unexplained: too much for a name, and its parameters would mean nothing",)
 
 
 def _subsystem(choice: Choice, closure: Closure | None, lacking: Sequence[Latent]) -> str:

@@ -141,12 +141,16 @@ def probabilities(comparisons: Sequence[Comparison], *, prior_none: float = 0.5)
 
 @dataclass(frozen=True)
 class Choice:
-    """How it ended: the hypothesis chosen, all that was tried, and what could stand in for what."""
+    """How it ended: the hypothesis chosen, all that was tried, and what could stand in for what.
+
+    ``given_up``: names that came nearest and are none, and the share of the held-out misfit that they left.
+    """
 
     state: State
     ranking: tuple[Ranked, ...]
     probability: dict[str, float]
     equivalents: dict[str, tuple[str, ...]]
+    given_up: tuple[tuple[str, ...], float] = ((), 0.0)
 
 
 def excess(state: State, split: Split) -> np.ndarray:

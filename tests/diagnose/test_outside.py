@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -183,6 +184,43 @@ def test_names_that_explain_less_than_a_closure_are_not_given():
     assert said.closure.held_out_gain > 0.5
     assert said.closure.expression in said.says
     assert said.to_json()["closure"]["depends_on"] == list(said.closure.depends_on)
+
+
+@pytest.mark.parametrize(
+    ("leaves", "far", "alone", "stays"),
+    [
+        (0.5, 3.0, None, False),  # much, clearly above the noise
+        (0.5, 2.0, None, True),
+        (0.15, 3.0, None, True),
+        (0.5, 2.0, 0.2, False),  # a closure without them does far better
+        (0.5, 2.0, 0.3, True),
+        (0.15, 2.0, 0.07, False),  # and explains nearly all
+        (0.25, 2.0, 0.12, False),
+        (0.15, 2.0, 0.08, True),
+    ],
+)
+def test_names_that_leave_much_are_given_up_and_told_of_as_nearest(monkeypatch, leaves, far, alone, stays):
+    base, parts = rubbed()
+    named = added(base, "ambient_drift", parts)
+    held = parts.is_held
+
+    def with_excess(state: State, mean_square: float) -> State:
+        there = held | parts.is_train
+        flat = np.where(there, np.sqrt(mean_square), 0.0)
+        return replace(state, residual=flat)
+
+    base = with_excess(base, 1.0 + (far**2 - 1.0) / leaves)
+    named = with_excess(named, far**2)
+    closed = None if alone is None else SimpleNamespace(state=with_excess(base, 1.0 + alone * (far**2 - 1.0) / leaves))
+    monkeypatch.setattr(outside, "closure", lambda state, *_: closed if state is base else None)
+    choice, learned = beyond_names(parts, base, Choice(named, (), {"ambient_drift": 1.0}, {}), Evidence(), ["sensor"])
+    assert (choice.state is named) == stays
+    if stays:
+        assert choice.given_up == ((), 0.0)
+    else:
+        assert learned is closed
+        assert choice.given_up[0] == ("ambient_drift",)
+        assert choice.given_up[1] == pytest.approx(leaves)
 
 
 @pytest.mark.parametrize(("far", "corrected"), [(1.0, True), (4.0, False)])
