@@ -163,6 +163,8 @@ def _subsystem(choice: Choice, closure: Closure | None, lacking: Sequence[Latent
         return choice.state.setup.structure.mechanism(choice.state.names[0]).subsystem
     if closure is None or closure.held_out_gain < _MOST:
         return lacking[0].subsystem
+    if closure.depends_on != ("drive",):
+        return closure.subsystem
     return next((m.subsystem for m in lacking if balance_of(m.subsystem) == closure.subsystem), closure.subsystem)
 
 

@@ -49,8 +49,8 @@ class Curve:
 
     @property
     def place(self) -> str:
-        """What it stands for: "learned_heat", or a sensor's "learned_reading temperature"."""
-        return self.mechanism.removesuffix("_curve") + (f" {self.form.reads}" if self.form.reads else "")
+        """What it stands for: "learned_heat", its "learned_heat store", or a sensor's "learned_reading temperature"."""
+        return self.mechanism.removesuffix("_curve") + (f" {self.form.of}" if self.form.of else "")
 
     @property
     def pieces(self) -> int:

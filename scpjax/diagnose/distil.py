@@ -47,12 +47,26 @@ def _grows(a: float) -> _Function:
     return _Function(lambda y: np.expm1(y / a), lambda v, unit, far: f"(exp({v} / {a * far:.3g} {unit}) - 1)")
 
 
+def _bump(a: float, width: float) -> _Function:
+    return _Function(
+        lambda y: np.exp(-(((y - a) / width) ** 2)),
+        lambda v, unit, far: f"exp(-(({v} - {a * far:.3g} {unit})/({width * far:.3g} {unit}))²)",
+    )
+
+
 _LIBRARY = (
     *(_power(n) for n in (1, 2, 3, 4)),
     *(_beyond(round(a, 2)) for a in np.arange(0.1, 0.95, 0.1)),
     *(_levels(a) for a in np.geomspace(0.1, 1.0, 12)),
     *(_grows(a) for a in np.geomspace(0.15, 1.0, 8)),
 )
+_PEAKS = tuple(
+    _bump(round(a, 3), w)
+    for w in (0.08, 0.1, 0.12, 0.15, 0.19, 0.24)
+    for a in np.arange(0.15, 0.96, 0.025)
+    if a > 1.5 * w
+)
+"""Functions that are nearly 0 at rest, rise and fall again."""
 
 
 def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float], doubt: Uncertainty) -> Closure:
@@ -96,30 +110,31 @@ def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float
 
 
 def distilled(at: np.ndarray, curve: np.ndarray, symbol: str, own: str, unit: str) -> tuple[str, np.ndarray, float]:
-    """(expression, its values, share of the curve's variation that it has): one function of the library, or two where
-    one is not close; no expression where two are not either. ``symbol`` and ``own`` are the variable's symbol and unit.
+    """(expression, its values, share of the curve's variation that it has): one function of the library, or a peak, or
+    two functions where one is not close; no expression where two are not either. ``symbol`` and ``own`` are the
+    variable's symbol and unit.
     """
     far = float(np.max(np.abs(at)))
     y, total = at / far, float(np.sum(curve**2))
     if total == 0.0:
         return "", curve, 0.0
     usable = [f for f in _LIBRARY if at.min() >= 0 or f.power]
-    columns = [f.value(y) for f in usable]
-    best: tuple[float, tuple[int, ...], np.ndarray] = (-math.inf, (), np.zeros(0))
-    for size in (1, 2):
-        for sets in itertools.combinations(range(len(usable)), size):
-            design = np.stack([columns[i] for i in sets], axis=1)
+    peaks = _PEAKS if at.min() >= 0 else ()
+    best: tuple[float, tuple[_Function, ...], np.ndarray] = (-math.inf, (), np.zeros(0))
+    for functions, size in ((usable, 1), (peaks, 1), (usable, 2)):
+        for chosen in itertools.combinations(functions, size):
+            design = np.stack([f.value(y) for f in chosen], axis=1)
             weights = np.linalg.lstsq(design, curve, rcond=None)[0]
             share = 1.0 - float(np.sum((design @ weights - curve) ** 2)) / total
             if share > best[0] and np.all(np.abs(weights) < 20 * np.max(np.abs(curve))):
-                best = (share, sets, weights)
+                best = (share, chosen, weights)
         if best[0] >= _CLOSE:
             break
-    share, sets, weights = best
+    share, chosen, weights = best
     if share < _FAIR:
         return "", curve, share
-    near = np.stack([columns[i] for i in sets], axis=1) @ weights
-    return _written([usable[i] for i in sets], weights, symbol, own, unit, far), near, share
+    near = np.stack([f.value(y) for f in chosen], axis=1) @ weights
+    return _written(chosen, weights, symbol, own, unit, far), near, share
 
 
 def _written(functions: Sequence[_Function], weights: np.ndarray, symbol: str, own: str, unit: str, far: float) -> str:

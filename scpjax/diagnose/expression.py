@@ -16,6 +16,7 @@ from scpjax.physics.terms import Term
 _RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 WHAT = {
     "learned_heat": ("heat lost", "W", "thermoelectric"),
+    "learned_heat store": ("thermal mass greater by", "J/K", "thermoelectric"),
     "learned_force": ("force against contraction", "N", "thermomechanical"),
     "learned_reading temperature": ("thermometer reads too much by", "K", "sensor"),
     "learned_reading displacement": ("displacement reads too much by", "mm", "sensor"),
@@ -79,6 +80,8 @@ def scale_of(place: str, values: Mapping[str, float], temperature: float, displa
     """What one stands for in a place, in the unit of `WHAT`; references [K], [m]."""
     if place == "learned_heat":
         return of_base(values, "newton_cooling.conductance") * temperature
+    if place == "learned_heat store":
+        return of_base(values, "newton_cooling.thermal_mass")
     if place == "learned_force":
         return of_base(values, "elastic_spring.stiffness") * displacement
     return temperature if place == "learned_reading temperature" else 1e3 * displacement

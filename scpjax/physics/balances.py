@@ -161,7 +161,7 @@ class Balances:
         parts: list[Array] = []
         if self.structure.thermal:
             self._heat(view, owns)
-            view.warming = view.heat / self.thermal_mass
+            view.warming = view.heat / (self.thermal_mass + self._sum("capacity", view, owns))
             parts += self._each(view.warming)
         if self.structure.mechanical:
             force = self._force(view, owns)

@@ -30,11 +30,14 @@ UNITS = {"temperature": "K", "displacement": "m", "velocity": "m/s", "effort": "
 
 @dataclass(frozen=True)
 class Form:
-    """``factor`` s(``variable``), by their names in `VARIABLES`; a factor of "" is 1. ``reads``: of which sensor."""
+    """``factor`` s(``variable``), by their names in `VARIABLES`; a factor of "" is 1.
+
+    ``of``: of what, where a mechanism has curves of several: which sensor, or the store.
+    """
 
     factor: str
     variable: str
-    reads: str = ""
+    of: str = ""
 
     @property
     def name(self) -> str:
@@ -44,7 +47,7 @@ class Form:
 
 def laws(forms: tuple[Form, ...]) -> tuple[str, ...]:
     """Each form with each number of pieces."""
-    return tuple(f"{'of ' + f.reads + ': ' if f.reads else ''}{f.name}, {n} pieces" for f in forms for n in PIECES)
+    return tuple(f"{'of ' + f.of + ': ' if f.of else ''}{f.name}, {n} pieces" for f in forms for n in PIECES)
 
 
 def form_of(forms: tuple[Form, ...], law: int) -> tuple[Form, int]:
@@ -107,8 +110,8 @@ def _bell(t: ArrayLike) -> Array:
     return (jnp.maximum(2.0 - a, 0.0) ** 3 - 4.0 * jnp.maximum(1.0 - a, 0.0) ** 3) / 6.0
 
 
-def product(forms: tuple[Form, ...], p: Values, view: View, reads: str = "") -> Side:
-    """Dimensionless ``factor s(variable)`` of the law in force; 0 where its form is of another sensor."""
+def product(forms: tuple[Form, ...], p: Values, view: View, of: str = "") -> Side:
+    """Dimensionless ``factor s(variable)`` of the law in force; 0 where its form is of something else."""
     places, zeros, factors, mine = [], [], [], []
     for f in forms:
         low, high = getattr(p, f"{f.variable}_low"), getattr(p, f"{f.variable}_high")
@@ -117,7 +120,7 @@ def product(forms: tuple[Form, ...], p: Values, view: View, reads: str = "") -> 
         zeros.append(jnp.clip(-low / (high - low), 0.0, 1.0))
         top = getattr(p, f"{f.factor}_high") if f.factor else 1.0
         factors.append(getattr(view, f.factor) / top if f.factor else jnp.ones_like(now))
-        mine.append(1.0 if f.reads == reads else 0.0)
+        mine.append(1.0 if f.of == of else 0.0)
     which = jnp.floor_divide(p.law, len(PIECES))
     chosen = [which == i for i in range(len(forms))]
     pick = lambda items: sum(jnp.where(c, x, 0.0) for c, x in zip(chosen, items, strict=True))  # noqa: E731

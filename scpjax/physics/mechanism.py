@@ -65,7 +65,7 @@ class Mechanism(eqx.Module):
 
         drive       effort = effort()(what the recording says)
         electric    power = effort * ... [W]
-        energy      thermal_mass dT/dt = power + sum of heat()        [W]
+        energy      (thermal_mass + sum of capacity()) dT/dt = power + sum of heat()  [W]
         force       mass d2x/dt2       = sum of force() + resistance()  [N]
         sensors     reading = reading()(states)
         own base    d(state)/dt = its rates() + sum of flows()       (`scpjax.physics.system.System`)
@@ -112,6 +112,10 @@ class Mechanism(eqx.Module):
     def thermal_mass(self, p: Values, mass: Side) -> Side:
         """Thermal mass [J/K] of the heated node, given what the mechanisms before made of it."""
         return mass
+
+    def capacity(self, p: Values, view: View) -> Side | float:
+        """Thermal mass [J/K] of the heated node beyond `thermal_mass`, where that depends on its state."""
+        return 0.0
 
     def heat(self, p: Values, view: View) -> Side | float:
         """Heat [W] flowing into the heated node; losses are negative."""
@@ -166,7 +170,7 @@ class Mechanism(eqx.Module):
         return value
 
     def stored(self, p: Values, view: View) -> Side | float:
-        """Heat [J] stored in this mechanism's own states."""
+        """Heat [J] stored in this mechanism's own states, or by its `capacity`."""
         return 0.0
 
     def lost(self, p: Values, view: View) -> Side | float:

@@ -18,7 +18,7 @@ from scpjax.physics.catalogue import mechanism
 from scpjax.physics.curves import PIECES, basis, form_of
 from scpjax.physics.model import Model
 from scpjax.report.report import write_diagnosis
-from scpjax.simulate.simulate import simulate
+from scpjax.simulate.simulate import energy_balance, simulate
 
 PLACES = np.linspace(0.0, 1.0, 200)
 
@@ -83,6 +83,31 @@ def test_a_curve_in_the_heat_balance_is_the_loss_that_it_describes():
         rate = lambda t, z, u=drive[i]: u**2 / 1.2 - 0.1 * z * (1 + grows * z / high)  # noqa: E731
         path.append(scipy.integrate.solve_ivp(rate, (time[i], time[i + 1]), [path[-1]], rtol=1e-9).y[0, -1])
     np.testing.assert_allclose(warm, path, atol=1e-3 * np.max(path))
+
+
+def test_a_curve_of_the_store_is_a_thermal_mass_that_grows_and_keeps_the_balance():
+    """(C_th + more(T)) dT/dt = u^2/R - lambda T, by scipy; what is supplied is stored or lost."""
+    plant = presets.te(resistance=1.2, conductance=0.1, thermal_mass=1.0)
+    m = mechanism("learned_heat_curve")
+    law = next(i for i in range(len(m.laws)) if form_of(m.forms, i)[0].of == "store")  # type: ignore[attr-defined]
+    high = 150.0
+    peak = lambda T: 1.5 * (np.exp(-(((T / high - 0.5) / 0.2) ** 2)) - np.exp(-(2.5**2)))  # noqa: E731
+    weights = np.linalg.lstsq(basis(PLACES, 0.0, PIECES[0]), peak(high * PLACES), rcond=None)[0]
+    stores = lambda T: float(basis(np.array([T / high]), 0.0, PIECES[0])[0] @ weights)  # noqa: E731
+    curved = grown(plant, m.name, law, weights, temperature_low=0.0, temperature_high=high)
+    recording = recorded(lambda t, T, x: 0.0)
+    warm = np.asarray(simulate(curved, recording).outputs)[:, 0] - float(plant.ambient)
+    drive, time = recording.inputs[:, 0], recording.time
+    path = [0.0]
+    for i in range(len(time) - 1):
+        rate = lambda t, z, u=drive[i]: (u**2 / 1.2 - 0.1 * z) / (1 + stores(float(z[0])))  # noqa: E731
+        path.append(scipy.integrate.solve_ivp(rate, (time[i], time[i + 1]), [path[-1]], rtol=1e-9).y[0, -1])
+    np.testing.assert_allclose(warm, path, atol=1e-3 * np.max(path))
+    plain = np.asarray(simulate(plant, recording).outputs)[:, 0] - float(plant.ambient)
+    assert np.max(np.abs(warm - plain)) > 0.05 * np.max(plain)
+    balance = {k: float(v) for k, v in energy_balance(curved, recording).items()}
+    assert balance["supplied"] - balance["lost"] == pytest.approx(balance["stored"], rel=1e-3)
+    assert balance["stored"] == pytest.approx(warm[-1] + scipy.integrate.quad(stores, 0.0, warm[-1])[0], rel=1e-3)
 
 
 @pytest.mark.parametrize("name", CURVES)
@@ -154,6 +179,7 @@ def test_terms_are_sought_where_no_curve_comes_down_to_the_noise(monkeypatch, fa
         (lambda x: 0.3 * x**2, "0.3 W/(K mm²) x²"),
         (lambda x: -0.8 * np.tanh(x / 4.0), "tanh(x / "),
         (lambda x: 2.0 * np.maximum(x - 6.0, 0.0), "max(x - 6 mm, 0)"),
+        (lambda x: 0.7 * np.exp(-(((x - 4.6) / 1.3) ** 2)), "W/K exp(-((x - 4."),
     ],
 )
 def test_the_expression_is_the_function_that_was_drawn(curve, words):
