@@ -60,12 +60,7 @@ _LIBRARY = (
     *(_levels(a) for a in np.geomspace(0.1, 1.0, 12)),
     *(_grows(a) for a in np.geomspace(0.15, 1.0, 8)),
 )
-_PEAKS = tuple(
-    _bump(round(a, 3), w)
-    for w in (0.08, 0.1, 0.12, 0.15, 0.19, 0.24)
-    for a in np.arange(0.15, 0.96, 0.025)
-    if a > 1.5 * w
-)
+_PEAKS = tuple(_bump(a, w) for w in np.geomspace(0.07, 0.3, 12) for a in np.arange(0.15, 0.96, 0.02) if a > 1.5 * w)
 """Functions that are nearly 0 at rest, rise and fall again."""
 
 
