@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from scpjax.diagnose.curve import Curve
 from scpjax.diagnose.expression import WHAT, scale_of, shown
@@ -60,8 +61,19 @@ _LIBRARY = (
     *(_levels(a) for a in np.geomspace(0.1, 1.0, 12)),
     *(_grows(a) for a in np.geomspace(0.15, 1.0, 8)),
 )
-_PEAKS = tuple(_bump(a, w) for w in np.geomspace(0.07, 0.3, 12) for a in np.arange(0.15, 0.96, 0.02) if a > 1.5 * w)
-"""Functions that are nearly 0 at rest, rise and fall again."""
+
+
+def _peaks(y: np.ndarray, curve: np.ndarray) -> list[_Function]:
+    """The peak, rising from nearly 0 at rest and falling again, that comes closest; none where it would not fall."""
+    top = int(np.argmax(np.abs(curve)))
+    best = least_squares(
+        lambda q: q[0] * np.exp(-(((y - q[1]) / q[2]) ** 2)) - curve,
+        (curve[top], y[top], 0.2),
+        bounds=((-np.inf, 0.0, 0.05), (np.inf, 1.0, 1.0)),
+        x_scale=(abs(curve[top]), 0.1, 0.1),
+    )
+    _, a, width = best.x
+    return [_bump(float(a), float(width))] if 1.5 * width < a < 1.0 - 0.5 * width else []
 
 
 def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float], doubt: Uncertainty) -> Closure:
@@ -114,7 +126,7 @@ def distilled(at: np.ndarray, curve: np.ndarray, symbol: str, own: str, unit: st
     if total == 0.0:
         return "", curve, 0.0
     usable = [f for f in _LIBRARY if at.min() >= 0 or f.power]
-    peaks = _PEAKS if at.min() >= 0 else ()
+    peaks = _peaks(y, curve) if at.min() >= 0 else []
     best: tuple[float, tuple[_Function, ...], np.ndarray] = (-math.inf, (), np.zeros(0))
     for functions, size in ((usable, 1), (peaks, 1), (usable, 2)):
         for chosen in itertools.combinations(functions, size):
