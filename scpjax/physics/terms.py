@@ -1,4 +1,8 @@
-"""Terms of a closure: monomials in what an actuator's states are, each relative to its reference."""
+"""Terms of a closure: monomials in what an actuator's states are, each relative to its reference.
+
+Far beyond what was seen a power of it would run away: a temperature, displacement or drive counts for `FARTHEST` times
+its reference, the greatest in the recordings, at most.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from scpjax.physics.mechanism import Side, Values, View
 
 REFERENCES = {"T": ("reference_temperature", "K"), "x": ("reference", "m"), "v": ("velocity_scale", "m/s")}
 _DRIVE = "effort_scale"
+FARTHEST = 1.5
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,7 @@ class Term:
             (view.effort / p.effort_scale, self.effort),
         ):
             for _ in range(power):
-                out = out * relative
+                out = out * jnp.clip(relative, -FARTHEST, FARTHEST)
         if self.velocity:
             speed = view.velocity / p.velocity_scale
             for _ in range(self.velocity - self.odd):
