@@ -15,7 +15,7 @@ import numpy as np
 
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.select import Comparison, Evidence, compare
-from scpjax.diagnose.trials import State, at_noise, fit_leading, grown, laws_of
+from scpjax.diagnose.trials import State, at_noise, fit_leading, grown, integrable, laws_of
 from scpjax.fit.identifiability import uncertainty
 from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.setup import Setup, carry
@@ -71,7 +71,14 @@ def learn(state: State, split: Split, rules: Evidence, subsystems: Sequence[str]
         return None
     current, chosen = _pruned(problem, current, chosen, split, rules)
     whole = compare(before, current, "closure", "", split, rules, len(chosen))
-    return Learned(current, chosen, whole) if whole.accepted else None
+    if not whole.accepted or (_steep(problem, chosen) and not integrable(current, split)):
+        return None
+    return Learned(current, chosen, whole)
+
+
+def _steep(problem: Setup, chosen: Sequence[str]) -> bool:
+    """Whether a term depends on velocity."""
+    return any(o.term.velocity for o in offers(problem) if o.key in chosen)
 
 
 def _with_terms(setup: Setup, subsystems: Sequence[str]) -> Setup:

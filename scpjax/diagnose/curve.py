@@ -16,7 +16,7 @@ from jaxtyping import Array
 
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.select import Comparison, Evidence, are_alike, compare
-from scpjax.diagnose.trials import State, fit_leading, grown, laws_of
+from scpjax.diagnose.trials import State, fit_leading, grown, integrable, laws_of
 from scpjax.fit.problem import CEILING, Trial, initial_state, unpack
 from scpjax.fit.setup import Setup, carry
 from scpjax.fit.solve import batches, binned_of, evaluate, make_room, stack
@@ -83,7 +83,7 @@ def bend(state: State, split: Split, rules: Evidence, subsystems: Sequence[str] 
     for m in [m for m in able if m.subsystem in subsystems] or able:
         make_room()
         found += _of(m, state, split, rules)
-    accepted = [c for c in found if c.evidence.accepted]
+    accepted = [c for c in found if c.evidence.accepted and _stands(c, split)]
     if not accepted:
         return None
     best = max(accepted, key=lambda c: c.evidence.held_out_gain)
@@ -169,7 +169,13 @@ def _finer(found: Curve, before: State, split: Split, rules: Evidence) -> Curve:
     )
     (finer,) = _fitted(problem, before, split, rules, m, {law: trial})
     extra = len(finer.keys) - len(found.keys)
-    return finer if compare(found.state, finer.state, "closure", "", split, rules, extra).accepted else found
+    better = compare(found.state, finer.state, "closure", "", split, rules, extra).accepted
+    return finer if better and _stands(finer, split) else found
+
+
+def _stands(curve: Curve, split: Split) -> bool:
+    """Whether it is no artefact of the integrator, which only what depends on velocity can be."""
+    return "velocity" not in (curve.form.factor, curve.form.variable) or integrable(curve.state, split)
 
 
 def _trial(problem: Setup, state: State, m: Mechanism, law: int) -> Trial:

@@ -10,7 +10,18 @@ import numpy as np
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.screen import fit_promising, fresh, screen
-from scpjax.diagnose.trials import State, afresh, at_noise, at_rest, misfit, moving, start_value, trial_at, without
+from scpjax.diagnose.trials import (
+    SAME,
+    State,
+    afresh,
+    at_noise,
+    at_rest,
+    misfit,
+    moving,
+    start_value,
+    trial_at,
+    without,
+)
 from scpjax.fit.colour import Whitener
 from scpjax.fit.setup import Setup, laws_that_can_act
 from scpjax.physics.mechanism import Mechanism
@@ -19,7 +30,6 @@ Progress = Callable[[str, float], None]
 
 _FORM = 0.015  # of the misfit, which a law of another form may leave more than the best and be its equal
 _STRAIGHT = 1.3  # mean square, in units of the noise's, up to which a base model has not been bent
-_SAME = 0.5  # RMS difference of predictions, in units of the noise, up to which they are the same
 _PLAIN = 100.0  # mean square, in units of the noise's, that is no matter of a law's form
 _CLOSE = 20.0  # difference of BIC (10 nats) up to which two mechanisms are close
 _WAYS = 2  # gone at a time
@@ -174,7 +184,7 @@ def distance(a: State, b: State, split: Split) -> float:
 
 def are_alike(a: State, b: State, split: Split) -> bool:
     """Whether two hypotheses predict the same, within half the noise."""
-    return distance(a, b, split) < _SAME
+    return distance(a, b, split) < SAME
 
 
 def _equal(a: State, b: State, before: State, split: Split, behind: float) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 
 from scpjax.diagnose.holdout import Split
 from scpjax.fit.data import Data
-from scpjax.fit.problem import Trial
+from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.setup import Setup, carry, laws_that_can_act, restructured
 from scpjax.fit.solve import binned_of, solve_all
 from scpjax.parameter import Parameter
@@ -133,6 +133,18 @@ def residual_on(trial: Trial, data: Data, setup: Setup) -> np.ndarray:
     return binned_of([trial], data, setup.space)[0]
 
 
+def integrable(state: State, split: Split) -> bool:
+    """Whether the integrator of the other order predicts the same, within half the noise: a force that changes steeply
+    with velocity may fit by the errors of the steps alone.
+    """
+    data = split.whole.with_order(6 - split.whole.order)
+    other = residual_on(state.trial, data, state.setup)
+    there = split.is_train | split.is_held
+    cut_off = np.any(np.abs(other[there]) >= CEILING)
+    return not cut_off and bool(np.sqrt(np.mean((other - state.residual)[there] ** 2)) < SAME)
+
+
+SAME = 0.5  # RMS difference of predictions, in units of the noise, up to which they are the same
 FEW, NEARLY = 12, 0.2  # steps of all; of the leader's gain after them, with less than which one is left there
 TOLERANCE = 0.02  # half the fall of the sum of squares in one step with which a trial has come to rest
 

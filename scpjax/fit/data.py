@@ -5,6 +5,7 @@ Everything with a shape is padded so that recordings run abreast in one compiled
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -55,6 +56,10 @@ class Data(eqx.Module):
     def with_colour(self, colour: np.ndarray) -> Data:
         """The same data with residuals filtered by autoregressive coefficients (y, 3): generalised least squares."""
         return eqx.tree_at(lambda d: d.colour, self, jnp.asarray(colour))
+
+    def with_order(self, order: int) -> Data:
+        """The same data, simulated by another order of the integrator."""
+        return dataclasses.replace(self, order=order)
 
     @property
     def used_bins(self) -> int:

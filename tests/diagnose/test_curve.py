@@ -1,5 +1,7 @@
 """A closure as a curve: what a spline can be, that it is found in its balance, and what is read off it."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -7,12 +9,13 @@ import scipy.integrate
 from diagnose.creeping import AMBIENT
 from diagnose.test_outside import LOSS, lacking_in, recorded, rubbed, rubbed_by_air
 
-from scpjax.diagnose import outside
+from scpjax.diagnose import outside, trials
 from scpjax.diagnose.answer import answer
 from scpjax.diagnose.curve import CURVES, Curve, bend
 from scpjax.diagnose.distil import distilled
 from scpjax.diagnose.outside import level
 from scpjax.diagnose.select import Choice, Evidence
+from scpjax.fit.setup import carry
 from scpjax.physics import presets
 from scpjax.physics.catalogue import mechanism
 from scpjax.physics.curves import PIECES, basis, form_of
@@ -195,3 +198,28 @@ def test_what_is_no_simple_function_gets_no_expression():
     said, _, share = distilled(at, np.sin(2 * at), "x", "mm", "N")
     assert said == ""
     assert share < 0.9
+
+
+@pytest.mark.parametrize(("steep", "stands"), [(1.0, True), (-1.0, False)])
+def test_a_curve_that_only_the_steps_of_the_integrator_hold_up_is_none(steep, stands):
+    """A drag that grows with velocity is one; a push that does feeds itself, and what comes of it is up to the step."""
+    base, parts = rubbed()
+    m = mechanism("learned_force_curve")
+    law = next(i for i in range(len(m.laws)) if form_of(m.forms, i)[0].variable == "velocity")  # type: ignore[attr-defined]
+    problem = trials.grown(base.setup, m)
+    null = np.asarray(problem.starts[0])[: len(problem.structure.slots)]
+    value = carry(base.setup.structure, problem.structure, base.values, null)
+    index, fixed = problem.structure.index, problem.fixed.copy()
+    low, high = -0.05, 0.05
+    velocity, stiffness = low + PLACES * (high - low), value[index["elastic_spring.stiffness"]]
+    force = steep * velocity * np.abs(velocity) / high
+    wanted = force / stiffness / fixed[index[f"{m.name}.displacement_high"]]
+    weights = np.linalg.lstsq(basis(PLACES, 0.5, PIECES[0]), wanted, rcond=None)[0]
+    held = {p.name: w for p, w in zip(m.free_parameters(law), weights, strict=True)}
+    for name, number in (held | {"velocity_low": low, "velocity_high": high}).items():
+        fixed[index[f"{m.name}.{name}"]] = number
+    laws = np.append(np.asarray(base.trial.laws), law)
+    problem = replace(problem, fixed=fixed)
+    trial = trials.trial_at(problem, value, laws)
+    state = trials.State(problem, trial, trials.residual_on(trial, parts.whole, problem), 0.0)
+    assert trials.integrable(state, parts) == stands
