@@ -57,7 +57,7 @@ class Thermistors:
 
     def reading(self, counts: int) -> float:
         """Kelvin of the counts of one sample, looked up; NaN as `temperature`."""
-        return self._table[counts] if counts < FULL else math.nan
+        return self._table[counts] if 0 <= counts < FULL else math.nan
 
     @functools.cached_property
     def _table(self) -> list[float]:

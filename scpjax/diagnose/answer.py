@@ -151,8 +151,8 @@ def _nearest(choice: Choice) -> tuple[str, ...]:
     names, left = choice.given_up
     if not names:
         return ()
-    said = f"nearest in the catalogue: {' with '.join(names)}, which leaves {100 * left:.0f} % of what was held out"
-    return (f"{said} unexplained: too much for a name, and its parameters would mean nothing",)
+    stays = f"{100 * left:.0f} % of the misfit of the held-out stretches stays"
+    return (f"nearest in the catalogue: {' with '.join(names)}; not named, for with it {stays}",)
 
 
 def _subsystem(choice: Choice, closure: Closure | None, lacking: Sequence[Latent]) -> str:

@@ -137,7 +137,7 @@ def integrable(state: State, split: Split) -> bool:
     """Whether the integrator of the other order predicts the same, within half the noise: a force that changes steeply
     with velocity may fit by the errors of the steps alone.
     """
-    data = split.whole.with_order(6 - split.whole.order)
+    data = split.whole.with_order(4 if split.whole.order == 2 else 2)
     other = residual_on(state.trial, data, state.setup)
     there = split.is_train | split.is_held
     cut_off = np.any(np.abs(other[there]) >= CEILING)

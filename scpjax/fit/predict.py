@@ -57,7 +57,7 @@ def predict(
         raise ModelError(
             "the simulation left all bounds",
             where=meta.path,
-            mend="check the drive's unit: the model was fitted on far smaller inputs",
+            mend="check the drive's unit; else it leads too far from what the model was fitted to",
         )
     named = {}
     for column, j, scale, offset in _columns(model, recording, response_columns):

@@ -1,5 +1,6 @@
 """A closure as a curve: what a spline can be, that it is found in its balance, and what is read off it."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import jax
@@ -20,6 +21,7 @@ from scpjax.physics import presets
 from scpjax.physics.catalogue import mechanism
 from scpjax.physics.curves import PIECES, basis, form_of
 from scpjax.physics.model import Model
+from scpjax.recordings.recording import Recording
 from scpjax.report.report import write_diagnosis
 from scpjax.simulate.simulate import energy_balance, simulate
 
@@ -67,6 +69,15 @@ def grown(model: Model, name: str, law: int, weights: np.ndarray, **ranges: floa
     return Model(structure, theta, laws, float(model.ambient)).replace(values)
 
 
+def by_scipy(recording: Recording, rate: Callable[[float, float], float]) -> list[float]:
+    """Excess temperature [K] at every stamp, from its rate [K/s] under a voltage held between stamps."""
+    path, time = [0.0], recording.time
+    for i, u in enumerate(recording.inputs[:-1, 0]):
+        found = scipy.integrate.solve_ivp(lambda t, z, u=u: [rate(z[0], u)], time[i : i + 2], [path[-1]], rtol=1e-9)
+        path.append(found.y[0, -1])
+    return path
+
+
 def test_a_curve_in_the_heat_balance_is_the_loss_that_it_describes():
     """Power law of the loss, thesis (3.2) with lambda T (1 + b T / T_ref): the same as its own mechanism."""
     plant = presets.plant(
@@ -80,11 +91,7 @@ def test_a_curve_in_the_heat_balance_is_the_loss_that_it_describes():
     curved = grown(plant, m.name, law, weights, temperature_low=0.0, temperature_high=high)
     recording = recorded(lambda t, T, x: 0.0)
     warm = np.asarray(simulate(curved, recording).outputs)[:, 0] - float(plant.ambient)
-    drive, time = recording.inputs[:, 0], recording.time
-    path = [0.0]
-    for i in range(len(time) - 1):
-        rate = lambda t, z, u=drive[i]: u**2 / 1.2 - 0.1 * z * (1 + grows * z / high)  # noqa: E731
-        path.append(scipy.integrate.solve_ivp(rate, (time[i], time[i + 1]), [path[-1]], rtol=1e-9).y[0, -1])
+    path = by_scipy(recording, lambda T, u: u**2 / 1.2 - 0.1 * T * (1 + grows * T / high))
     np.testing.assert_allclose(warm, path, atol=1e-3 * np.max(path))
 
 
@@ -100,11 +107,7 @@ def test_a_curve_of_the_store_is_a_thermal_mass_that_grows_and_keeps_the_balance
     curved = grown(plant, m.name, law, weights, temperature_low=0.0, temperature_high=high)
     recording = recorded(lambda t, T, x: 0.0)
     warm = np.asarray(simulate(curved, recording).outputs)[:, 0] - float(plant.ambient)
-    drive, time = recording.inputs[:, 0], recording.time
-    path = [0.0]
-    for i in range(len(time) - 1):
-        rate = lambda t, z, u=drive[i]: (u**2 / 1.2 - 0.1 * z) / (1 + stores(float(z[0])))  # noqa: E731
-        path.append(scipy.integrate.solve_ivp(rate, (time[i], time[i + 1]), [path[-1]], rtol=1e-9).y[0, -1])
+    path = by_scipy(recording, lambda T, u: (u**2 / 1.2 - 0.1 * T) / (1 + stores(T)))
     np.testing.assert_allclose(warm, path, atol=1e-3 * np.max(path))
     plain = np.asarray(simulate(plant, recording).outputs)[:, 0] - float(plant.ambient)
     assert np.max(np.abs(warm - plain)) > 0.05 * np.max(plain)

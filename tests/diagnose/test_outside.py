@@ -11,7 +11,7 @@ import scipy.integrate
 from diagnose.creeping import AMBIENT, BASE
 
 from scpjax.diagnose import outside
-from scpjax.diagnose.answer import TRUSTED, answer
+from scpjax.diagnose.answer import TRUSTED, _subsystem, answer
 from scpjax.diagnose.closure import learn, offers
 from scpjax.diagnose.holdout import Split, split
 from scpjax.diagnose.latent import missing
@@ -22,6 +22,7 @@ from scpjax.diagnose.select import Choice, Evidence
 from scpjax.diagnose.trials import State, residual_on
 from scpjax.fit.fit import best_start, refine
 from scpjax.fit.setup import prepare
+from scpjax.physics.terms import Term
 from scpjax.recordings import excitation
 from scpjax.recordings.recording import Metadata, Recording
 
@@ -181,6 +182,7 @@ def test_names_that_explain_less_than_a_closure_are_not_given():
     assert said.closure.subsystem == said.location.subsystem == "thermoelectric"
     assert said.closure.expression.startswith("heat lost = ")
     assert "W/" in said.closure.expression
+    assert any(n.startswith("nearest in the catalogue: sensor_lag; not named") for n in said.notes)
     assert said.closure.held_out_gain > 0.5
     assert said.closure.expression in said.says
     assert said.to_json()["closure"]["depends_on"] == list(said.closure.depends_on)
@@ -262,6 +264,23 @@ def test_a_law_of_another_form_is_named_and_corrected():
     assert said.mechanisms[0].probability == pytest.approx(0.99 * TRUSTED[said.verdict])
     assert said.closure is not None
     assert said.closure.expression in said.says
+
+
+@pytest.mark.parametrize(("depends_on", "place"), [(("temperature", "drive"), "thermoelectric"), (("drive",), "drive")])
+def test_what_depends_on_more_than_the_drive_is_not_the_drives(depends_on, place):
+    """The drive answers for a misfit as well as the heat does, where the closure says which it is."""
+    nothing = SimpleNamespace(state=SimpleNamespace(names=()))
+    closure = SimpleNamespace(subsystem="thermoelectric", depends_on=depends_on, held_out_gain=0.9)
+    lacking = [SimpleNamespace(subsystem=s) for s in ("drive", "thermoelectric")]
+    assert _subsystem(nothing, closure, lacking) == place  # type: ignore[arg-type]
+
+
+def test_the_terms_of_a_closure_stop_growing_beyond_what_was_seen():
+    references = {"reference_temperature": 60.0, "reference": 0.01, "velocity_scale": 0.1, "effort_scale": 16.0}
+    term, p = Term("T2xu", temperature=2, displacement=1, effort=1), SimpleNamespace(**references)
+    at = lambda k: SimpleNamespace(temperature=np.array(60.0 * k), displacement=0.01 * k, velocity=0.0, effort=16.0 * k)  # noqa: E731
+    for k, counts in ((0.5, 0.5), (1.4, 1.4), (4.0, 1.5)):
+        assert float(term.value(p, at(k))) == pytest.approx(counts**4)  # type: ignore[arg-type]
 
 
 def test_how_far_a_name_is_trusted_is_what_the_proof_counted():
