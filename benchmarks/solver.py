@@ -25,7 +25,7 @@ from scpjax.diagnose.trials import State, grown, residual_on, starts_with, trial
 from scpjax.fit import solve as room
 from scpjax.fit.data import Data
 from scpjax.fit.fit import best_start
-from scpjax.fit.problem import Space, Trial
+from scpjax.fit.problem import Space, Trial, residuals, sensitivities
 from scpjax.fit.setup import prepare
 from scpjax.physics.catalogue import mechanism
 from scpjax.recordings import read_recording
@@ -55,11 +55,11 @@ def peer(trial: Trial, data: Data, space: Space) -> tuple[Array, Array]:
 
     @jax.custom_jvp
     def residual(x: Array) -> Array:
-        return room._objective(x, trial, data, space, robust=0.0)
+        return residuals(x, trial, data, space)
 
     @residual.defjvp
     def _(at: tuple[Array], along: tuple[Array]) -> tuple[Array, Array]:
-        value, columns = room._sensitivities(at[0], trial, data, space, robust=0.0)
+        value, columns = sensitivities(at[0], trial, data, space)
         return value, columns @ along[0]
 
     start = trial.free[trial.index]

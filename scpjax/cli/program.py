@@ -16,9 +16,9 @@ from scpjax.errors import ScpjaxError
 
 Progress = Callable[[str, float], None]
 
-LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=100000"
-"""Scans over small arrays run as one function, not step by step (``python benchmarks/scans.py``). XLA reads it once,
-when a process computes first."""
+LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=10000000"
+"""Scans over arrays of up to 10 MB in all run as one function, not operation by operation (``python
+benchmarks/scans.py``). XLA reads it once, when a process computes first."""
 
 
 class OutputError(ScpjaxError):

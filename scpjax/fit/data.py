@@ -61,6 +61,11 @@ class Data(eqx.Module):
         """The same data, simulated by another order of the integrator."""
         return dataclasses.replace(self, order=order)
 
+    def by_recording(self) -> Data:
+        """Which axis of each leaf counts recordings, as `jax.vmap` takes it: the first, or None."""
+        everywhere = eqx.tree_at(lambda d: (d.sigma, d.colour), self, (None, None))
+        return jax.tree.map(lambda _: 0, everywhere)
+
     @property
     def used_bins(self) -> int:
         """Number of bins that hold a sample: the residuals that carry information."""

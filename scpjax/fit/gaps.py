@@ -17,7 +17,7 @@ import numpy as np
 
 from scpjax.compiled import quickly_compiled
 from scpjax.fit.data import Data
-from scpjax.fit.problem import Space, Trial, binned_residuals, residuals, unpack
+from scpjax.fit.problem import Space, Trial, binned_residuals, sensitivities, unpack
 
 PRIOR = 0.29  # standard deviation of a share that may be anything from 0 to 1
 
@@ -78,8 +78,7 @@ def _responses(efforts: jax.Array, trial: Trial, data: Data, space: Space) -> ja
 
 @quickly_compiled
 def _parameter_columns(trial: Trial, data: Data, space: Space) -> jax.Array:
-    moving = trial.free[trial.index]
-    columns = jax.jacfwd(residuals)(moving, trial, data, space)
+    _, columns = sensitivities(trial.free[trial.index], trial, data, space)
     return columns[: data.target.size].reshape(*data.target.shape, -1)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -72,62 +74,55 @@ def binned_residuals(
     model: Model, data: Data, locals_: Locals, local_values: Float[Array, "r l"]
 ) -> Float[Array, "r k y"]:
     """(simulated - recorded) summed over bins, so scaled that white noise of std sigma gives unit variance."""
-
-    def one(
-        grid: Grid,
-        ambient: Array,
-        effort: Array,
-        values: Array,
-        at_start: Array,
-        at_end: Array,
-        target: Array,
-        norm: Array,
-    ) -> Array:
-        m = eqx.tree_at(lambda m_: m_.ambient, model, ambient)
-        z0 = initial_state(m, locals_, values, effort)
-        advance, drive = stepper(m, grid, z0, order=data.order)
-        observe = m.balances().observe
-        n_y, bins = at_start.shape[1], target.shape[0]
-        fold = lambda x: x.reshape(bins, data.bin, *x.shape[1:])  # noqa: E731
-        ends = (lambda u: (u, u)) if drive.ndim == 2 else (lambda u: (u[0], u[2]))
-
-        def step(carry: Any, xs: Any) -> Any:
-            z, y, total = carry
-            u, ws, we = xs
-            z = advance(z, u)
-            y_end = observe(z, ends(u)[1])
-            total = [t + ws[i] * y[i] + we[i] * y_end[i] for i, t in enumerate(total)]
-            return (z, y_end, total), None
-
-        def one_bin(carry: Any, xs: Any) -> Any:
-            zero = [jnp.zeros_like(carry[1][i]) for i in range(n_y)]
-            (z, y, total), _ = jax.lax.scan(step, (*carry, zero), xs)
-            return (z, y), total
-
-        z = [z0[i] for i in range(z0.shape[0])]
-        first = observe(z, ends(drive[0])[0])
-        _, totals = jax.lax.scan(one_bin, (z, first), (fold(drive), fold(at_start), fold(at_end)))
-        return (jnp.stack(totals, axis=-1) - target) / norm
-
-    return jax.vmap(one)(
-        data.grids,
-        jnp.asarray(data.ambient),
-        jnp.asarray(data.start_effort),
-        local_values,
-        *(jnp.asarray(x) for x in (data.at_start, data.at_end, data.target, data.norm)),
+    return jax.vmap(lambda mine, values: _binned(model, mine, locals_, values), in_axes=(data.by_recording(), 0))(
+        data, local_values
     )
 
 
-def whitened(residual: Float[Array, "r k y"], data: Data) -> Float[Array, "r k y"]:
-    """Residuals through the filter of ``data.colour``; bins whose predecessors are empty fall out of a coloured one."""
+def _binned(model: Model, data: Data, locals_: Locals, values: Float[Array, " l"]) -> Float[Array, "k y"]:
+    """`binned_residuals` of one recording: ``data`` without its leading axis."""
+    grid = data.grids
+    m = eqx.tree_at(lambda m_: m_.ambient, model, data.ambient)
+    z0 = initial_state(m, locals_, values, jnp.asarray(data.start_effort))
+    advance, drive = stepper(m, grid, z0, order=data.order)
+    observe = m.balances().observe
+    n_y, bins = data.at_start.shape[1], data.target.shape[0]
+    fold = lambda x: x.reshape(bins, data.bin, *x.shape[1:])  # noqa: E731
+    ends = (lambda u: (u, u)) if drive.ndim == 2 else (lambda u: (u[0], u[2]))
+
+    def step(carry: Any, xs: Any) -> Any:
+        z, y, total = carry
+        u, ws, we = xs
+        z = advance(z, u)
+        y_end = observe(z, ends(u)[1])
+        total = [t + ws[i] * y[i] + we[i] * y_end[i] for i, t in enumerate(total)]
+        return (z, y_end, total), None
+
+    def one_bin(carry: Any, xs: Any) -> Any:
+        zero = [jnp.zeros_like(carry[1][i]) for i in range(n_y)]
+        (z, y, total), _ = jax.lax.scan(step, (*carry, zero), xs)
+        return (z, y), total
+
+    z = [z0[i] for i in range(z0.shape[0])]
+    first = observe(z, ends(drive[0])[0])
+    _, totals = jax.lax.scan(one_bin, (z, first), (fold(drive), fold(data.at_start), fold(data.at_end)))
+    return (jnp.stack(totals, axis=-1) - data.target) / data.norm
+
+
+def _whitened(residual: Float[Array, "k y"], data: Data) -> Float[Array, "k y"]:
+    """Residuals through the filter of ``data.colour``; bins whose predecessors are empty fall out of a coloured one.
+
+    A simulation that blew up (outside the physical domain) gives a large finite residual, which turns a solver back.
+    """
     there = jnp.isfinite(data.norm)
     filtered, whole = residual, there
     for lag in (1, 2, 3):
-        before = jnp.pad(residual[:, :-lag], ((0, 0), (lag, 0), (0, 0)))
+        before = jnp.pad(residual[:-lag], ((lag, 0), (0, 0)))
         filtered = filtered - data.colour[:, lag - 1] * before
-        whole &= jnp.pad(there[:, :-lag], ((0, 0), (lag, 0), (0, 0)))
+        whole &= jnp.pad(there[:-lag], ((lag, 0), (0, 0)))
     coloured = jnp.any(data.colour != 0, axis=1)
-    return jnp.where(coloured, jnp.where(whole, filtered, 0.0), residual)
+    r = jnp.where(coloured, jnp.where(whole, filtered, 0.0), residual)
+    return jnp.where(jnp.isfinite(r), jnp.clip(r, -CEILING, CEILING), CEILING)
 
 
 class Space(eqx.Module):
@@ -176,20 +171,77 @@ class Trial(eqx.Module):
     laws: Float[Array, " mechanisms"]
 
 
-def residuals(moving: Float[Array, " moving"], trial: Trial, data: Data, space: Space) -> Float[Array, " m"]:
-    """Binned data residuals, then those of the priors, then the idle entry's."""
+def residuals_of(values: Float[Array, "m all"], laws: Float[Array, "m mechanisms"], data: Data, space: Space) -> Array:
+    """Filtered residuals (m, r, k, y) of models with these physical values under these laws."""
+
+    def of_one(mine: Data, i: Array) -> Array:
+        def of_model(value: Array, law: Array) -> Array:
+            model, local_values = _parts(value, law, space)
+            return _whitened(_binned(model, mine, space.locals, local_values[i]), mine)
+
+        return jax.vmap(of_model)(values, laws)
+
+    # recordings outside and models inside: the inner one is the axis along which a processor computes side by side
+    over = (data.by_recording(), 0)
+    return jax.vmap(of_one, in_axes=over, out_axes=1)(data, jnp.arange(space.n_recordings))
+
+
+def soften(r: Array, threshold: float) -> Array:
+    """Residuals whose squares are the pseudo-Huber loss: r^2 -> 2 d^2 (sqrt(1 + (r/d)^2) - 1)."""
+    return r * jnp.sqrt(2.0 / (jnp.sqrt(1.0 + (r / threshold) ** 2) + 1.0))
+
+
+def residuals(
+    moving: Float[Array, " moving"], trial: Trial, data: Data, space: Space, *, robust: float = 0.0
+) -> Float[Array, " m"]:
+    """Binned residuals of the data, then those of the priors, then the idle entry's.
+
+    ``robust`` > 0 is the residual, in standard deviations, beyond which the loss of the data's grows linearly.
+    """
+    of_one = partial(_misfit, moving, trial, space, robust)
+    of_data = jax.vmap(of_one, in_axes=(data.by_recording(), 0))(data, jnp.arange(space.n_recordings))
+    return jnp.concatenate([of_data.ravel(), _beside(moving, trial, space)])
+
+
+@partial(jax.jit, static_argnames="robust")
+def sensitivities(
+    moving: Float[Array, " moving"], trial: Trial, data: Data, space: Space, *, robust: float = 0.0
+) -> tuple[Float[Array, " m"], Float[Array, "m moving"]]:
+    """`residuals` and their Jacobian by forward sensitivities, all tangents of a recording abreast with its values.
+
+    Linearising a simulation first, as `optimistix` does, would keep every step of it in memory.
+    """
+    directions = jnp.eye(moving.shape[0], dtype=moving.dtype)
+
+    def along(function: Callable[[Array], Array]) -> tuple[Array, Array]:
+        return jax.vmap(lambda e: jax.jvp(function, (moving,), (e,)), out_axes=(None, -1))(directions)
+
+    def of_one(mine: Data, i: Array) -> tuple[Array, Array]:
+        return along(lambda x: _misfit(x, trial, space, robust, mine, i))
+
+    of_data, slopes = jax.vmap(of_one, in_axes=(data.by_recording(), 0))(data, jnp.arange(space.n_recordings))
+    others, other_slopes = along(lambda x: _beside(x, trial, space))
+    jacobian = jnp.concatenate([slopes.reshape(-1, moving.shape[0]), other_slopes])
+    return jnp.concatenate([of_data.ravel(), others]), jacobian
+
+
+def _misfit(moving: Array, trial: Trial, space: Space, robust: float, mine: Data, i: Array) -> Float[Array, "k y"]:
+    """Filtered residuals of recording ``i``, which ``mine`` is."""
+    model, local_values = unpack(trial.free.at[trial.index].set(moving), trial, space)
+    r = _whitened(_binned(model, mine, space.locals, local_values[i]), mine)
+    return soften(r, robust) if robust > 0 else r
+
+
+def _beside(moving: Array, trial: Trial, space: Space) -> Array:
     free = trial.free.at[trial.index].set(moving)
-    model, local_values = unpack(free, trial, space)
-    data_part = whitened(binned_residuals(model, data, space.locals, local_values), data)
+    return jnp.concatenate([_prior(free, trial, space), free[-1:]])
+
+
+def _prior(free: Float[Array, " all+1"], trial: Trial, space: Space) -> Float[Array, " all"]:
     inner = space.bounds.to_inner(free[:-1])
-    prior = jnp.where(
-        trial.active & jnp.isfinite(space.prior_spread),
-        (inner - space.prior_mean) / jnp.where(jnp.isfinite(space.prior_spread), space.prior_spread, 1.0),
-        0.0,
-    )
-    # outside the physical domain a simulation may blow up: a large finite residual turns the solver back
-    data_part = jnp.where(jnp.isfinite(data_part), jnp.clip(data_part, -CEILING, CEILING), CEILING)
-    return jnp.concatenate([data_part.ravel(), prior, free[-1:]])
+    there = trial.active & jnp.isfinite(space.prior_spread)
+    spread = jnp.where(jnp.isfinite(space.prior_spread), space.prior_spread, 1.0)
+    return jnp.where(there, (inner - space.prior_mean) / spread, 0.0)
 
 
 def simulated(free: Array, trial: Trial, data: Data, space: Space) -> Float[Array, "r n y"]:
@@ -200,6 +252,9 @@ def simulated(free: Array, trial: Trial, data: Data, space: Space) -> Float[Arra
 
 def unpack(free: Array, trial: Trial, space: Space) -> tuple[Model, Float[Array, "r l"]]:
     """Model and local values of a trial at a free vector."""
-    values = space.values(free, trial.fixed, trial.active)
-    model = Model(space.structure, values[: space.n_theta], trial.laws)
+    return _parts(space.values(free, trial.fixed, trial.active), trial.laws, space)
+
+
+def _parts(values: Array, laws: Array, space: Space) -> tuple[Model, Float[Array, "r l"]]:
+    model = Model(space.structure, values[: space.n_theta], laws)
     return model, values[space.n_theta :].reshape(space.n_recordings, space.locals.count(space.structure))

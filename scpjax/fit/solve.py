@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 import equinox as eqx
@@ -16,8 +15,7 @@ from jaxtyping import Array, Float
 from scpjax.compiled import quickly_compiled
 from scpjax.fit.data import Data
 from scpjax.fit.marquardt import Marquardt
-from scpjax.fit.problem import CEILING, Space, Trial, binned_residuals, residuals, simulated, whitened
-from scpjax.physics.model import Model
+from scpjax.fit.problem import Space, Trial, residuals_of, sensitivities, simulated
 
 
 class Solution(eqx.Module):
@@ -32,28 +30,6 @@ class Solution(eqx.Module):
 
 
 _CEILING = 400  # steps, whatever is asked for
-
-
-def soften(r: Float[Array, " m"], n: int, threshold: float) -> Float[Array, " m"]:
-    """Residuals whose squares are the pseudo-Huber loss of the first ``n``: r^2 -> 2 d^2 (sqrt(1 + (r/d)^2) - 1)."""
-    return r.at[:n].multiply(jnp.sqrt(2.0 / (jnp.sqrt(1.0 + (r[:n] / threshold) ** 2) + 1.0)))
-
-
-@partial(jax.jit, static_argnames="robust")
-def _objective(moving: Array, trial: Trial, data: Data, space: Space, *, robust: float) -> Float[Array, " m"]:
-    r = residuals(moving, trial, data, space)
-    return soften(r, data.target.size, robust) if robust > 0 else r
-
-
-@partial(jax.jit, static_argnames="robust")
-def _sensitivities(moving: Array, trial: Trial, data: Data, space: Space, *, robust: float) -> tuple[Array, Array]:
-    """Value and Jacobian by forward sensitivities, all tangents abreast, computed with the values.
-
-    Linearising a simulation first, as `optimistix` does, would keep every step of it in memory.
-    """
-    function = lambda x: _objective(x, trial, data, space, robust=robust)  # noqa: E731
-    along = lambda e: jax.jvp(function, (moving,), (e,))  # noqa: E731
-    return jax.vmap(along, out_axes=(None, -1))(jnp.eye(moving.shape[0], dtype=moving.dtype))
 
 
 def solve_one(
@@ -73,7 +49,7 @@ def solve_one(
     """
 
     solution = optx.least_squares(
-        lambda x, _: _sensitivities(x, trial, data, space, robust=robust),
+        lambda x, _: sensitivities(x, trial, data, space, robust=robust),
         Marquardt(tolerance=tolerance, limit=max_steps),
         trial.free[trial.index],
         has_aux=True,
@@ -226,13 +202,7 @@ def residuals_at(values: np.ndarray, laws: np.ndarray, data: Data, space: Space)
 
 @quickly_compiled
 def _forward(values: Array, laws: Array, data: Data, space: Space) -> Float[Array, "m r k y"]:
-    def one(value: Array, law: Array) -> Array:
-        model = Model(space.structure, value[: space.n_theta], law)
-        local = value[space.n_theta :].reshape(space.n_recordings, space.locals.count(space.structure))
-        r = whitened(binned_residuals(model, data, space.locals, local), data)
-        return jnp.where(jnp.isfinite(r), jnp.clip(r, -CEILING, CEILING), CEILING)
-
-    return jax.vmap(one)(values, laws)
+    return residuals_of(values, laws, data, space)
 
 
 def stack(trials: Sequence[Trial]) -> Trial:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -67,18 +68,24 @@ def _double(ps: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array,
 Pattern = tuple[tuple[bool, ...], ...]
 
 
-class _Matrix:
+class _Matrix(eqx.Module):
     """A matrix taken apart into the scalars that can be other than zero.
 
     States are kept apart too: batched over trials and sensitivities, every operation of a step is then one long
     vector loop, several times as fast as small matrix products.
     """
 
-    def __init__(self, matrix: Float[Array, "n n"], pattern: Pattern):
-        self.rows = [[(j, matrix[i, j]) for j in range(len(pattern)) if pattern[i][j]] for i in range(len(pattern))]
+    entries: list[Array]
+    where: tuple[tuple[tuple[int, int], ...], ...] = eqx.field(static=True)  # by row: (column, place in entries)
+
+    def __init__(self, matrix: Float[Array, "... n n"], pattern: Pattern):
+        """``matrix`` may have leading axes, which a scan takes away."""
+        there = [(i, j) for i, row in enumerate(pattern) for j, used in enumerate(row) if used]
+        self.entries = [matrix[..., i, j] for i, j in there]
+        self.where = tuple(tuple((j, k) for k, (row, j) in enumerate(there) if row == i) for i in range(len(pattern)))
 
     def __call__(self, vector: list[Array]) -> list[Array]:
-        return [_total([m * vector[j] for j, m in row]) for row in self.rows]
+        return [_total([self.entries[k] * vector[j] for j, k in row]) for row in self.where]
 
 
 def _total(terms: list[Array]) -> Array:
@@ -103,6 +110,8 @@ def _combine(*terms: tuple[float, list[Array]]) -> list[Array]:
 
 Step = Callable[[list[Array], Array], list[Array]]
 
+# The stages of a step are a loop, not one expression: XLA would work out a stage anew for every state of the next.
+
 
 def etd2(rates: Rates, a: Float[Array, "n n"], step: Array, *, pattern: Pattern) -> Step:
     """Second order, two evaluations a step, for an effort (sides,) that is constant over each step.
@@ -116,9 +125,15 @@ def etd2(rates: Rates, a: Float[Array, "n n"], step: Array, *, pattern: Pattern)
     first, second, back = (_Matrix(m, pattern) for m in (p1 * step, p2 * step, p2 @ p0 * step))
 
     def advance(z: list[Array], u: Array) -> list[Array]:
-        f = rates(z, u)
-        predicted = _add(z, first(f))
-        return _combine((1.0, predicted), (1.0, second(rates(predicted, u))), (-1.0, back(f)))
+        def stage(carry: Any, share: Array) -> tuple[Any, None]:
+            y, f, _ = carry
+            y = [place + share * change for place, change in zip(y, first(f), strict=True)]
+            return (y, _scalars(rates(y, u), a.dtype), f), None
+
+        nothing = [jnp.zeros((), a.dtype)] * len(z)
+        # at z itself, then where the rates there lead
+        (predicted, f1, f0), _ = jax.lax.scan(stage, (z, nothing, nothing), jnp.arange(2.0, dtype=a.dtype))
+        return _combine((1.0, predicted), (1.0, second(f1)), (-1.0, back(f0)))
 
     return advance
 
@@ -131,25 +146,43 @@ def etd4(rates: Rates, a: Float[Array, "n n"], step: Array, *, pattern: Pattern)
     half = phi_functions(a * (step / 2))
     whole = double(half)
     core = _Matrix(a, pattern)
-    h1, h2 = (_Matrix(m, pattern) for m in (half[1] * step / 2, half[2] * step))
     p1, p2, p3 = (_Matrix(m, pattern) for m in (whole[1] * step, whole[2] * step, whole[3] * step))
-
-    def rest(z: list[Array], u: Array) -> list[Array]:
-        return _combine((1.0, rates(z, u)), (-1.0, core(z)))
+    # y = z + (h1 or p1) f0 + (h2 or 2 p2) (n - n0), n as of the stage before; at the first stage y = z
+    matrices = jnp.stack([half[1] * step / 2, whole[1] * step, half[2] * step, 2 * whole[2] * step])
+    ways = _Matrix(matrices, pattern)
+    shares = jnp.asarray([[0, 0, 0, 0], [1, 0, 0, 0], [1, 0, 1, 0], [0, 1, 0, 1]], a.dtype)
 
     def advance(z: list[Array], u: Array) -> list[Array]:
-        f0 = rates(z, u[0])
-        n0 = _combine((1.0, f0), (-1.0, core(z)))
-        at_half = _add(z, h1(f0))
-        na = rest(at_half, u[1])
-        nb = rest(_add(at_half, h2(_combine((1.0, na), (-1.0, n0)))), u[1])
-        free = _add(z, p1(f0))
-        nc = rest(_add(free, p2(_combine((2.0, nb), (-2.0, n0)))), u[2])
-        second = p2(_combine((-3.0, n0), (2.0, na), (2.0, nb), (-1.0, nc)))
-        third = p3(_combine((4.0, n0), (-4.0, na), (-4.0, nb), (4.0, nc)))
-        return _add(free, second, third)
+        held = core(z)
+
+        def stage(carry: Any, xs: Any) -> tuple[Any, None]:
+            f0, n, before = carry
+            share, starts, effort = xs
+            bent = _combine((1.0, n), (-1.0, f0), (1.0, held))
+
+            def go(y: list[Array], way: Any) -> tuple[list[Array], None]:
+                matrix, much, straight = way
+                move = matrix([jnp.where(straight, v, w) for v, w in zip(f0, bent, strict=True)])
+                return [place + much * change for place, change in zip(y, move, strict=True)], None
+
+            y, _ = jax.lax.scan(go, z, (ways, share, jnp.arange(4) < 2))
+            f = _scalars(rates(y, effort), a.dtype)
+            f0 = [jnp.where(starts, new, old) for new, old in zip(f, f0, strict=True)]
+            return (f0, _combine((1.0, f), (-1.0, core(y))), _add(before, n)), None
+
+        nothing = [jnp.zeros((), a.dtype)] * len(z)
+        stages = (shares, jnp.arange(4) == 0, u[jnp.asarray([0, 1, 1, 2])])
+        (f0, nc, before), _ = jax.lax.scan(stage, (nothing, nothing, nothing), stages)  # before = n0 + na + nb
+        n0 = _combine((1.0, f0), (-1.0, held))
+        second = p2(_combine((2.0, before), (-5.0, n0), (-1.0, nc)))
+        third = p3(_combine((8.0, n0), (-4.0, before), (4.0, nc)))
+        return _add(z, p1(f0), second, third)
 
     return advance
+
+
+def _scalars(values: list[Array], dtype: Any) -> list[Array]:
+    return [jnp.asarray(value, dtype) for value in values]
 
 
 def all_nodes(advance: Step, z0: Float[Array, " n"], effort: Float[Array, "steps ..."]) -> Float[Array, "nodes n"]:
