@@ -16,9 +16,13 @@ from scpjax.errors import ScpjaxError
 
 Progress = Callable[[str, float], None]
 
-LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=10000000"
-"""Scans over arrays of up to 10 MB in all run as one function, not operation by operation (``python
-benchmarks/scans.py``). XLA reads it once, when a process computes first."""
+LOOPS = (
+    "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000 "
+    "--xla_disable_hlo_passes=cpu-parallel-task-assigner"
+)
+"""Scans over arrays of up to 1 MB in all run as one function, not operation by operation (``python
+benchmarks/scans.py``), and none of their operations is shared out among threads: such functions would wait for each
+other's threads, for ever. XLA reads it once, when a process computes first."""
 
 
 class OutputError(ScpjaxError):
@@ -28,7 +32,8 @@ class OutputError(ScpjaxError):
 def start() -> None:
     """Double precision, and compiled functions kept between calls (``SCPJAX_CACHE``: where; empty: not)."""
     flags = os.environ.get("XLA_FLAGS", "")
-    if knows_options() and "xla_backend_extra_options" not in flags:  # whoever has set some knows what they are for
+    told = any(option in flags for option in ("xla_backend_extra_options", "xla_disable_hlo_passes"))
+    if knows_options() and not told:  # whoever has set some knows what they are for
         os.environ["XLA_FLAGS"] = f"{flags} {LOOPS}".strip()
     import jax
 

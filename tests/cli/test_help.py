@@ -66,9 +66,10 @@ def test_cache_follows_the_environment(monkeypatch, tmp_path):
 def test_what_the_user_told_the_compiler_is_left(monkeypatch):
     from scpjax.cli.program import LOOPS, start
 
-    monkeypatch.setenv("XLA_FLAGS", "--xla_backend_extra_options=mine=1")
-    start()
-    assert os.environ["XLA_FLAGS"] == "--xla_backend_extra_options=mine=1"
+    for mine in ("--xla_backend_extra_options=mine=1", "--xla_disable_hlo_passes=mine"):
+        monkeypatch.setenv("XLA_FLAGS", mine)
+        start()
+        assert os.environ["XLA_FLAGS"] == mine
     monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_enable_fast_math=false")
     start()
     start()

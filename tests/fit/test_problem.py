@@ -1,0 +1,59 @@
+"""Residuals and their Jacobian, which the solvers take abreast, against plain derivatives and plain simulations."""
+
+from importlib import resources
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from scpjax.diagnose.trials import grown, trial_at
+from scpjax.fit.problem import residuals, residuals_of, sensitivities, soften
+from scpjax.fit.setup import prepare
+from scpjax.physics.catalogue import mechanism
+from scpjax.recordings import read_recording
+
+
+def problem_and_trial(name, order=2):
+    with resources.as_file(resources.files("scpjax") / "examples" / "demo") as folder:
+        setup = prepare([read_recording(f) for f in sorted(folder.glob("*.csv"))], order=order)
+    problem = grown(setup, mechanism(name)) if name else setup
+    start = np.asarray(problem.starts[0]) * 1.03
+    trial = trial_at(problem, start, np.zeros(len(problem.structure.mechanisms)))
+    return problem, jax.tree.map(jnp.asarray, trial)
+
+
+@pytest.mark.parametrize(("name", "order"), [(None, 2), ("hysteresis", 2), ("hysteresis", 4)])
+@pytest.mark.parametrize("robust", [0.0, 1.5])
+def test_the_jacobian_is_the_derivative_of_the_residuals(name, order, robust):
+    problem, trial = problem_and_trial(name, order)
+    moving = jnp.asarray(trial.free[trial.index])
+    value, jacobian = sensitivities(moving, trial, problem.data, problem.space, robust=robust)
+
+    def plain(x):
+        return residuals(x, trial, problem.data, problem.space, robust=robust)
+
+    np.testing.assert_allclose(value, plain(moving), rtol=1e-9, atol=1e-9)
+    direction = np.random.default_rng(0).normal(size=moving.shape) * 1e-6
+    expected = (plain(moving + direction) - plain(moving - direction)) / 2
+    size = np.linalg.norm(expected)
+    assert size > 0
+    assert np.linalg.norm(jacobian @ direction - expected) < 1e-5 * size
+    forward = jax.jvp(plain, (moving,), (jnp.asarray(direction),))[1]
+    np.testing.assert_allclose(jacobian @ direction, forward, rtol=1e-6, atol=1e-9 * size)
+
+
+def test_models_abreast_have_the_residuals_of_each():
+    problem, trial = problem_and_trial("hysteresis")
+    values = np.asarray(problem.space.values(trial.free, trial.fixed, trial.active))
+    both, laws = np.stack([values, 1.1 * values]), np.stack([trial.laws, np.asarray(trial.laws)])
+    found = residuals_of(jnp.asarray(both), jnp.asarray(laws), problem.data, problem.space)
+    moving = jnp.asarray(trial.free[trial.index])
+    one = residuals(moving, trial, problem.data, problem.space)[: problem.data.target.size]
+    np.testing.assert_allclose(found[0].ravel(), one, rtol=1e-9, atol=1e-9)
+    assert float(jnp.max(jnp.abs(found[1] - found[0]))) > 1e-3
+
+
+def test_softened_residuals_square_to_the_pseudo_huber_loss():
+    r, d = np.linspace(-30.0, 30.0, 61), 2.0
+    np.testing.assert_allclose(soften(jnp.asarray(r), d) ** 2, 2 * d**2 * (np.sqrt(1 + (r / d) ** 2) - 1), atol=1e-12)
