@@ -203,18 +203,28 @@ def residuals(
     return jnp.concatenate([of_data.ravel(), _beside(moving, trial, space)])
 
 
-@partial(jax.jit, static_argnames="robust")
+@partial(jax.jit, static_argnames=("robust", "together"))
 def sensitivities(
-    moving: Float[Array, " moving"], trial: Trial, data: Data, space: Space, *, robust: float = 0.0
+    moving: Float[Array, " moving"],
+    trial: Trial,
+    data: Data,
+    space: Space,
+    *,
+    robust: float = 0.0,
+    together: bool = False,
 ) -> tuple[Float[Array, " m"], Float[Array, "m moving"]]:
     """`residuals` and their Jacobian by forward sensitivities, all tangents of a recording abreast with its values.
 
-    Linearising a simulation first, as `optimistix` does, would keep every step of it in memory.
+    Linearising a simulation first, as `optimistix` does, would keep every step of it in memory. ``together``: all
+    recordings abreast within each tangent, the slower way round.
     """
     directions = jnp.eye(moving.shape[0], dtype=moving.dtype)
 
     def along(function: Callable[[Array], Array]) -> tuple[Array, Array]:
         return jax.vmap(lambda e: jax.jvp(function, (moving,), (e,)), out_axes=(None, -1))(directions)
+
+    if together:
+        return along(lambda x: residuals(x, trial, data, space, robust=robust))
 
     def of_one(mine: Data, i: Array) -> tuple[Array, Array]:
         return along(lambda x: _misfit(x, trial, space, robust, mine, i))
