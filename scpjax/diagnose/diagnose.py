@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from scpjax.diagnose.trials import State, grown, residual_on
 from scpjax.fit.data import Data
 from scpjax.fit.fit import (
     best_start,
+    outliers,
     refine,
     settle,
 )
@@ -72,7 +74,7 @@ def diagnose(
     catalogue = grown(setup, *candidates)
     tell("fitting the base model", 0.05)
     parts, base, notes = _base(setup)
-    parts, choice = _chosen(parts, base, catalogue, options, tell)
+    parts, base, choice, notes = _chosen(parts, base, catalogue, options, tell, notes)
     binned = observe(setup, parts.whole, base.trial, base.residual)
     lacking = missing(setup, parts.whole, base.trial, binned)
     learned = None
@@ -109,21 +111,40 @@ def _base(setup: Setup) -> tuple[Split, State, tuple[str, ...]]:
 
 
 def _chosen(
-    parts: Split, base: State, catalogue: Setup, options: DiagnoseOptions, tell: Progress
-) -> tuple[Split, Choice]:
-    """What is named; and the data with jumps inside gaps timed by the better model."""
+    parts: Split, base: State, catalogue: Setup, options: DiagnoseOptions, tell: Progress, notes: tuple[str, ...]
+) -> tuple[Split, State, Choice, tuple[str, ...]]:
+    """What is named, and the notes; the data with jumps inside gaps timed by the better model, and the base on them.
+
+    Where there were wild samples, those that a strong misfit had concealed are left out once the first name is there.
+    """
     if base.setup.structure.system:
         choice = choose_together(base, parts, options.evidence, catalogue, progress=tell)
     else:
-        choice = choose(base, parts, options.evidence, catalogue, max_steps=options.max_steps, progress=tell)
+        search = partial(
+            choose, rules=options.evidence, catalogue=catalogue, max_steps=options.max_steps, progress=tell
+        )
+        some = np.any(np.asarray(parts.whole.weights) != np.asarray(base.setup.data.weights))
+        choice = search(base, parts, enough=lambda s: _wild(s, parts).any()) if some else search(base, parts)
+        wild = _wild(choice.state, parts) if some and choice.state.names else np.zeros(())
+        if wild.any():
+            notes = (*notes, f"{wild.sum()} more were, seen beside {choice.state.names[0]}")
+            parts = parts.with_weights(np.where(wild, 0.0, parts.whole.weights))
+            trial, _, _ = refine(base.setup, parts.train, base.trial)
+            base = _state(base.setup, parts, trial)
+            choice = search(base, parts)
         tell("each name against what could stand in its place", 0.7)
         choice = exchanged(choice, base, parts, options.evidence, catalogue)
     if not choice.state.names:
-        return parts, choice
+        return parts, base, choice, notes
     problem = choice.state.setup
     again, data, _ = settle(problem, choice.state.trial, parts.train, drop_outliers=False)
     parts = _with_effort(parts, data)
-    return parts, replace(choice, state=_state(problem, parts, again))
+    return parts, base, replace(choice, state=_state(problem, parts, again)), notes
+
+
+def _wild(state: State, parts: Split) -> np.ndarray:
+    """Samples (r, n, y) that stand out alone beside a hypothesis, and are still in."""
+    return outliers(state.setup, parts.whole, state.trial) != np.asarray(parts.whole.weights)
 
 
 def _state(setup: Setup, parts: Split, trial: Trial) -> State:

@@ -19,6 +19,10 @@ class Split:
     is_held: np.ndarray
     mask: np.ndarray  # (r, n, y) samples held out
 
+    def with_weights(self, weights: np.ndarray) -> Split:
+        """The same stretches with other weights of the samples (wild ones: 0)."""
+        return _split(self.whole.with_weights(weights), self.mask)
+
 
 def split(data: Data, fractions: tuple[tuple[float, float], ...] = ((0.25, 0.35), (0.6, 0.7), (0.9, 1.0))) -> Split:
     """Stretches of every recording, on whole bins, kept out of fitting; the simulation runs through them."""
@@ -34,7 +38,11 @@ def split(data: Data, fractions: tuple[tuple[float, float], ...] = ((0.25, 0.35)
             inside = (at[i] >= low) & (at[i] < high)
             inside[seen[-1] + 1 :] = False
             held[i, inside] = True
-    train = data.with_weights(np.where(held, 0.0, weights))
+    return _split(data, held)
+
+
+def _split(data: Data, held: np.ndarray) -> Split:
+    train = data.with_weights(np.where(held, 0.0, np.asarray(data.weights)))
     is_train = np.isfinite(np.asarray(train.norm))
     there = np.isfinite(np.asarray(data.norm))
     return Split(train, data, is_train & there, there & ~is_train, held)

@@ -33,6 +33,8 @@ _STRAIGHT = 1.3  # mean square, in units of the noise's, up to which a base mode
 _PLAIN = 100.0  # mean square, in units of the noise's, that is no matter of a law's form
 _CLOSE = 20.0  # difference of BIC (10 nats) up to which two mechanisms are close
 _WAYS = 2  # gone at a time
+_OTHERS = 2  # gone where the best one ends away from the noise
+_FAR = 1.15**2  # mean square, in units of the noise's, above which it does
 EQUIVALENTS = 3
 """Told of a mechanism, at most."""
 
@@ -245,57 +247,120 @@ def choose(
     *,
     max_steps: int = 40,
     progress: Progress | None = None,
+    enough: Callable[[State], bool] | None = None,
 ) -> Choice:
     """Forward selection with pruning, from the base hypothesis; ``catalogue`` is the problem with every candidate.
+    ``enough(first)`` says whether to end with the first name.
 
-    Where two mechanisms are close and neither reaches the noise, both ways are gone one round further.
+    Where two mechanisms are close and neither reaches the noise, both ways are gone one round further. Where the way
+    ends away from the noise, others that had evidence in the first round are gone too: one mechanism that imitates two
+    can be ahead of both.
     """
     search = _Search(base, split, rules, catalogue, max_steps)
-    branches = [leader := _Branch(base)]
+
+    def tell(text: str, round_: int) -> None:
+        if progress:
+            progress(f"round {round_}: trying {text}", 0.15 + 0.2 * (round_ - 1))
+
+    branches = [_Branch(base)]
+    rounds: list[list[_Tried]] = []
+    leaders: list[_Branch] = []
     for round_ in range(1, rules.most + 1):
-        at = 0.15 + 0.2 * (round_ - 1)
-
-        def tell(text: str, at: float = at, round_: int = round_) -> None:
-            if progress:
-                progress(f"round {round_}: trying {text}", at)
-
-        tell("every mechanism")
-        further = [b for way in branches for b in _one_more(search, way, round_, tell)]
-        leader = further[0]
-        for b in further[1:]:
-            if is_better(b.state, leader.state, split, rules):
-                leader = b
+        tell("every mechanism", round_)
+        rounds.append([_tried(search, way, round_, tell) for way in branches])
+        further = [b for found in rounds[-1] for b in _one_more(search, found)]
+        leaders.append(leader := _best(further, split, rules))
         if leader.ended or at_noise(leader.state, split):
             break
+        if round_ == 1 and enough is not None and enough(leader.state):
+            return _choice(leader)
         # the same names reached by another way are no way of their own
         others = (b for b in further if not b.ended and set(b.state.names) != set(leader.state.names))
         branches = [leader, *others][:_WAYS]
+    if leader.state.names and not at_noise(leader.state, split, _FAR):
+        leader = _by_another_way(search, rounds[0][0], leaders, tell)
+    return _choice(leader)
+
+
+def _choice(leader: _Branch) -> Choice:
     names = leader.state.names
     chance = {n: leader.chance[n] for n in names}
     return Choice(leader.state, leader.ranking, chance, {n: leader.equivalents.get(n, ()) for n in names})
 
 
-def _one_more(search: _Search, way: _Branch, round_: int, tell: Callable[[str], None]) -> list[_Branch]:
-    """A branch with one mechanism more: the best one, and where that does not reach the noise one that is close."""
+def _best(branches: Sequence[_Branch], split: Split, rules: Evidence) -> _Branch:
+    leader = branches[0]
+    for b in branches[1:]:
+        if is_better(b.state, leader.state, split, rules):
+            leader = b
+    return leader
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """A round on a way: what may be added to it, most evidence first, and how likely each is."""
+
+    way: _Branch
+    ranking: tuple[Ranked, ...]
+    accepted: list[Comparison]
+    chance: dict[str, float]
+
+
+def _tried(search: _Search, way: _Branch, round_: int, tell: Callable[[str, int], None]) -> _Tried:
     split, rules = search.split, search.rules
-    tried = try_all(way.state, split, rules, search.catalogue, max_steps=search.max_steps, tell=tell)
+    tried = try_all(
+        way.state, split, rules, search.catalogue, max_steps=search.max_steps, tell=lambda text: tell(text, round_)
+    )
     p = probabilities(tried)
     ranked = (Ranked(c.added, c.delta_bic, c.held_out_gain, p[c.added], c.law, round_) for c in tried)
-    ranking = (*way.ranking, *ranked)
     accepted = [c for c in tried if c.accepted and worthwhile(way.state, c.state, search.base, split, rules.worth)]
-    if not accepted:
-        return [replace(way, ranking=ranking, ended=True)]
+    return _Tried(way, (*way.ranking, *ranked), accepted, p)
+
+
+def _one_more(search: _Search, found: _Tried) -> list[_Branch]:
+    """A branch with one mechanism more: the best one, and where that does not reach the noise one that is close."""
+    if not found.accepted:
+        return [replace(found.way, ranking=found.ranking, ended=True)]
     out: list[_Branch] = []
-    for c in accepted[:_WAYS]:
-        if accepted[0].delta_bic - c.delta_bic > _CLOSE or (out and at_noise(out[0].state, split)):
+    for c in found.accepted[:_WAYS]:
+        if found.accepted[0].delta_bic - c.delta_bic > _CLOSE or (out and at_noise(out[0].state, search.split)):
             break
-        like = equals(c, accepted, way.state, split)
-        state = afresh(c.state, split)
-        state = _other_laws(state, c.added, split, rules)
-        state = prune(state, split, rules)
-        chance = way.chance | {c.added: p[c.added] + sum(p[e] for e in like)}
-        out.append(_Branch(state, ranking, chance, way.equivalents | {c.added: like}))
+        out.append(_named(search, found, c))
     return out
+
+
+def _named(search: _Search, found: _Tried, c: Comparison) -> _Branch:
+    """The way with one of what may be added to it."""
+    split, rules, way = search.split, search.rules, found.way
+    like = equals(c, found.accepted, way.state, split)
+    state = afresh(c.state, split)
+    state = _other_laws(state, c.added, split, rules)
+    state = prune(state, split, rules)
+    chance = way.chance | {c.added: found.chance[c.added] + sum(found.chance[e] for e in like)}
+    return _Branch(state, found.ranking, chance, way.equivalents | {c.added: like})
+
+
+def _by_another_way(
+    search: _Search, first: _Tried, leaders: Sequence[_Branch], tell: Callable[[str, int], None]
+) -> _Branch:
+    """The best of what leads at the end and of ways that begin with another name of the first round, each gone on for
+    as long as it leads what led at its length.
+    """
+    split, rules = search.split, search.rules
+    leader = leaders[-1]
+    for c in [c for c in first.accepted if c.added not in leaders[0].state.names][:_OTHERS]:
+        way = _named(search, first, c)
+        for round_ in range(2, rules.most + 1):
+            found = _tried(search, way, round_, tell)
+            if not found.accepted:
+                break
+            way = _named(search, found, found.accepted[0])
+            if not is_better(way.state, leaders[min(round_, len(leaders)) - 1].state, split, rules):
+                break
+            if at_noise(way.state, split):
+                return way
+        leader = _best([leader, way], split, rules)
+    return leader
 
 
 def is_better(a: State, b: State, split: Split, rules: Evidence) -> bool:

@@ -79,7 +79,7 @@ def load_model(path: str | os.PathLike[str]) -> tuple[Model, dict[str, Any]]:
     reader = _Reader(str(path), _read(path))
     s = reader.structure()
     laws = reader.laws(s.mechanisms)
-    theta = np.asarray(reader.theta(s))
+    theta = np.asarray(reader.theta(s, laws))
     return Model(s, theta, np.asarray(laws), reader.number("ambient_K", None)), reader.get("extra", dict, {})
 
 
@@ -193,12 +193,17 @@ class _Reader:
             out.append(float(m.laws.index(law)))
         return out
 
-    def theta(self, s: Structure) -> list[float]:
+    def theta(self, s: Structure, laws: list[float]) -> list[float]:
         given = self.get("parameters", dict)
         for key in given:
             self.known(key, "parameter", s.index)
         theta = []
+        used = {m.name: m.free_parameters(int(law)) for m, law in zip(s.mechanisms, laws, strict=True)}
         for slot in s.slots:
+            idle = not slot.parameter.fixed and slot.parameter not in used[slot.mechanism]
+            if slot.key not in given and idle:  # a parameter of other laws that came after this file was written
+                theta.append(self.finite(slot.parameter.null, slot.key))
+                continue
             if slot.key not in given:
                 self.fail(f"parameter {slot.key!r} is missing", f"give its value in {slot.parameter.unit}")
             row = given[slot.key]

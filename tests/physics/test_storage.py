@@ -8,7 +8,7 @@ import pytest
 
 from scpjax.errors import ModelError
 from scpjax.physics import presets
-from scpjax.physics.catalogue import left_out
+from scpjax.physics.catalogue import catalogue, left_out
 from scpjax.physics.known import KNOWN_MODELS, known_model
 from scpjax.physics.model import Model
 from scpjax.physics.storage import load_model, save_model
@@ -50,6 +50,26 @@ def test_what_the_file_says(tmp_path):
     assert content["parameters"]["newton_cooling.conductance"] == {"value": 0.3, "unit": "W/K"}
     assert content["ambient_K"] == 293.15
     assert [p.name for p in tmp_path.iterdir()] == ["model.json"]
+
+
+def test_a_parameter_of_other_laws_that_came_later_is_not_asked_for(tmp_path):
+    """Old files name no weights of the plays; under Bouc-Wen's law they do nothing."""
+    s = presets.structure("tm").with_mechanisms(catalogue()["hysteresis"])
+    theta = np.arange(1.0, len(s.slots) + 1.0)
+    path = save_model(Model(s, theta, [0] * len(s.mechanisms), 293.15), tmp_path / "model.json")
+    content = json.loads(path.read_text())
+    del content["parameters"]["hysteresis.middle"]
+    path.write_text(json.dumps(content))
+    model, _ = load_model(path)
+    theta[s.index["hysteresis.middle"]] = 1.0
+    np.testing.assert_array_equal(model.theta, theta)
+
+    for row in content["mechanisms"]:
+        if row["name"] == "hysteresis":
+            row["law"] = "plays"
+    path.write_text(json.dumps(content))
+    with pytest.raises(ModelError, match=r"'hysteresis.middle' is missing"):
+        load_model(path)
 
 
 def change(path: list, value):

@@ -28,7 +28,14 @@ ACTUATOR |= {"damping": 8.0, "mass": 0.3}
 ACTIVE = {
     "ambient_drift": {"drift": 0.4, "time_constant": 1.5, "reference": 20.0, "reference_time": 6.0},
     "antagonist_load": {"strength": 0.7, "onset": 0.4, "length": 0.5, "reference": 0.0025},
-    "creep": {"compliance": 0.3, "time_constant": 2.0, "slow_compliance": 0.2, "slow_ratio": 4.0},
+    "creep": {
+        "compliance": 0.3,
+        "time_constant": 2.0,
+        "slow_compliance": 0.2,
+        "slow_ratio": 4.0,
+        "activation": 0.1,
+        "reference": 0.0025,
+    },
     "drive_dead_zone": {"threshold": 0.3, "sharpness": 5.0, "reference": 10.0},
     "fatigue": {
         "loss": 0.8,
@@ -45,7 +52,7 @@ ACTIVE = {
         "presliding": 0.1,
         "reference": 0.0025,
     },
-    "hysteresis": {"strength": 0.4, "width": 0.15},
+    "hysteresis": {"strength": 0.4, "width": 0.15, "middle": 1.4, "inner": 0.7},
     "input_delay": {"time": 0.125, "share": 0.6},
     "nonlinear_heat_loss": {"strength": 0.8, "exponent": 0.6},
     "nonlinear_thermal_force": {"growth": 0.6, "transition": 0.5, "reference": 20.0},

@@ -17,17 +17,25 @@ class Creep(Mechanism):
     equation = (
         "tau dx_c/dt = J e - x_c, e = x - x_c - x_s;  the spring feels e;  "
         "law two branches: also r tau dx_s/dt = J_s e - x_s;  law logarithmic: J_s = J = half of J each, r = 10;  "
-        "law slow recovery: r tau on the way back"
+        "law slow recovery: r tau on the way back;  "
+        "law activated: tau dx_c/dt = s x_ref sinh((J e - x_c)/(s x_ref))"
     )
     source = (
         "Kelvin-Voigt branches in series with the spring: Findley, Lai, Onaran, Creep and Relaxation of Nonlinear "
-        "Viscoelastic Materials, ch. 5; logarithmic: a flat spectrum of retardation times, ch. 5 there"
+        "Viscoelastic Materials, ch. 5; logarithmic: a flat spectrum of retardation times, ch. 5 there; activated: "
+        "Eyring, J. Chem. Phys. 4 (1936) 283, a dashpot in a standard linear solid: Halsey, White, Eyring, Text. Res. "
+        "J. 15 (1945) 295"
     )
     says = "Under a steady pull the polymer keeps giving way slowly, and comes back slowly."
     needs = ("mechanical",)
     excited_by = "long holds after a step"
-    laws = ("one branch", "two branches", "logarithmic", "slow recovery")
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"slow_compliance": (1,), "slow_ratio": (1, 3)}
+    laws = ("one branch", "two branches", "logarithmic", "slow recovery", "activated")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {
+        "slow_compliance": (1,),
+        "slow_ratio": (1, 3),
+        "activation": (4,),
+        "reference": (4,),
+    }
     states = ("creep_displacement", "slow_creep_displacement")
     parameters = (
         Parameter(
@@ -72,8 +80,29 @@ class Creep(Mechanism):
             null=5.0,
             spread=1.0,
         ),
+        Parameter(
+            name="activation",
+            symbol="s",
+            unit="1",
+            description="displacement that creep may lack before it goes e times as fast, as a share of the reference "
+            "displacement (law activated)",
+            typical=0.1,
+            bounds=(0.002, 3.0),
+            null=0.1,
+            spread=1.5,
+        ),
+        Parameter(
+            name="reference",
+            symbol="x_ref",
+            unit="m",
+            description="displacement at which the activation is stated (law activated)",
+            typical=0.01,
+            bounds=(1e-12, 1e12),
+            null=0.01,
+            fixed=True,
+        ),
     )
-    starts = ((0.3, 1.0, 0.2, 4.0), (0.5, 5.0, 0.3, 4.0))
+    starts = ((0.3, 1.0, 0.2, 4.0, 0.1, 0.0), (0.5, 5.0, 0.3, 4.0, 0.03, 0.0))
 
     def _branches(self, p: Values) -> tuple[Side, Side, Side]:
         """Compliances of both branches, and the ratio of their times."""
@@ -82,7 +111,7 @@ class Creep(Mechanism):
         return p.compliance * jnp.where(spread, 0.5, 1.0), slow, jnp.where(spread, DECADE, p.slow_ratio)
 
     def deflection(self, p: Values, view: View, deflection: Side) -> Side:
-        return deflection - view.own[0] - view.own[1]
+        return deflection - self._crept(p, view)
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
         quick, slow = view.own
@@ -90,9 +119,31 @@ class Creep(Mechanism):
         compliance, slow_compliance, ratio = self._branches(p)
         ahead = compliance * immediate - quick
         time = p.time_constant * jnp.where((p.law == 3) & (ahead * quick < 0), p.slow_ratio, 1.0)
-        return (ahead / time, (slow_compliance * immediate - slow) / (ratio * p.time_constant))
+        lacking = _within(quick)
+        pushed = (1.0 - lacking**2) * p.compliance * view.velocity / (2.0 * p.activation * p.reference)
+        activated = pushed - (1.0 + p.compliance) * quick / p.time_constant
+        return (
+            jnp.where(p.law == 4, activated, ahead / time),
+            (slow_compliance * immediate - slow) / (ratio * p.time_constant),
+        )
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
         quick, slow, _ = self._branches(p)
         immediate = view.displacement / (1 + quick + slow)
-        return (quick * immediate, slow * immediate)
+        return (jnp.where(p.law == 4, 0.0, quick * immediate), slow * immediate)
+
+    def _crept(self, p: Values, view: View) -> Side:
+        """Displacement [m] that came late.
+
+        Under law activated the first state is w = tanh(y/2), y = (J e - x_c)/(s x_ref): dy/dt = J/(s x_ref) de/dt -
+        sinh(y)/tau then has no term that grows without bound, and x_c follows from w and x.
+        """
+        quick, slow = view.own
+        lacking = 2.0 * p.activation * p.reference * jnp.arctanh(_within(quick))
+        activated = (p.compliance * view.displacement - lacking) / (1.0 + p.compliance)
+        return jnp.where(p.law == 4, activated, quick + slow)
+
+
+def _within(w: Side) -> Side:
+    """tanh(y/2) as far as it can be told from 1; the integrator may overshoot."""
+    return jnp.clip(w, -1.0 + 1e-9, 1.0 - 1e-9)

@@ -4,6 +4,7 @@ import math
 from typing import ClassVar
 
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
@@ -22,8 +23,9 @@ class Hysteresis(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "F = -h k w z;  law Bouc-Wen: dz/dt = (v/w) (1 - |z|^n (1 + sign(v z))/2);  law Duhem: dz/dt = (v - |v| z)/w;  "
-        "law plays: three plays, F = -h k sum p_i w_i z_i, w_i = 0.25 w, 0.6 w and w, p_i = exp(-w_i/2w)/sum, z_i as "
-        "Bouc-Wen with n = 8 and w_i;  law thermal plays: the same, moved by dT/dt x_ref/T_ref in place of v"
+        "law plays: three plays, F = -h k sum m_i p_i w_i z_i, w_i = w, 0.6 w and 0.25 w, p_i = exp(-w_i/2w)/sum, "
+        "m_1 = 1, m_2 and m_3 estimated, z_i as Bouc-Wen with n = 8 and w_i;  law thermal plays: the same, moved by "
+        "dT/dt x_ref/T_ref in place of v"
     )
     source = (
         "Bouc-Wen, rate independent: Ismail, Ikhouane, Rodellar, Arch. Comput. Methods Eng. 16 (2009) 161; Duhem and "
@@ -35,7 +37,7 @@ class Hysteresis(Mechanism):
     excited_by = "reversals of different size"
     laws = ("Bouc-Wen", "Duhem", "plays", "thermal plays")
     law_needs: ClassVar[dict[int, tuple[str, ...]]] = {3: ("thermal",)}
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"sharpness": (0,)}
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"sharpness": (0,), "middle": (2, 3), "inner": (2, 3)}
     states = ("internal_stretch", "second_stretch", "third_stretch")
     parameters = (
         Parameter(
@@ -70,6 +72,26 @@ class Hysteresis(Mechanism):
             spread=1.0,
         ),
         Parameter(
+            name="middle",
+            symbol="m_2",
+            unit="1",
+            description="weight of the play of 0.6 w, as a multiple of p_2 (laws plays)",
+            typical=1.0,
+            bounds=(0.01, 100.0),
+            null=1.0,
+            spread=1.0,
+        ),
+        Parameter(
+            name="inner",
+            symbol="m_3",
+            unit="1",
+            description="weight of the play of 0.25 w, as a multiple of p_3 (laws plays)",
+            typical=1.0,
+            bounds=(0.01, 100.0),
+            null=1.0,
+            spread=1.0,
+        ),
+        Parameter(
             name="reference",
             symbol="x_ref",
             unit="m",
@@ -90,11 +112,11 @@ class Hysteresis(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.3, 0.15, 3.0, 0.0, 0.0), (2.0, 0.02, 2.0, 0.0, 0.0))
+    starts = ((0.3, 0.15, 3.0, 1.0, 1.0, 0.0, 0.0), (2.0, 0.02, 2.0, 1.0, 1.0, 0.0, 0.0))
 
     def force(self, p: Values, view: View) -> Side:
         stretches = [jnp.clip(z, -OVER, OVER) for z in view.own]
-        played = sum(each * z for each, z in zip(PLAYS, stretches, strict=True))
+        played = sum(weight * z for weight, z in zip(_weights(p), stretches, strict=True))
         stretch = jnp.where(p.law >= 2, played, stretches[0])
         return -p.strength * view.shared["stiffness"] * p.width * p.reference * stretch
 
@@ -117,6 +139,11 @@ class Hysteresis(Mechanism):
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
         """What holds it beside its equilibrium, if it begins there: F = k displaced."""
-        whole = jnp.where(p.law >= 2, sum(PLAYS), 1.0)
+        whole = jnp.where(p.law >= 2, sum(_weights(p)), 1.0)
         most = jnp.maximum(p.strength * p.width * whole, 1e-9) * p.reference  # m, that it could hold
         return (jnp.clip(-view.displaced / most, -1.0, 1.0) * jnp.ones_like(view.displacement),) * len(self.states)
+
+
+def _weights(p: Values) -> tuple[Array, ...]:
+    """Force of each play when it slips, as a share of h k w x_ref."""
+    return jnp.asarray(PLAYS[0]), PLAYS[1] * p.middle, PLAYS[2] * p.inner
