@@ -13,7 +13,7 @@ from scpjax.diagnose.select import EQUIVALENTS, Choice, Evidence, are_equal, is_
 from scpjax.diagnose.trials import State, afresh, without
 from scpjax.fit.setup import Setup
 
-_BY_PROMISE, _BY_RANK, _LATER = 2, 1, 1  # tried in the place of a name
+_BY_PROMISE, _BY_RANK = 2, 1  # tried in the place of a name
 _PROMISE = 0.3  # of what the name promises beside the others, which one that is tried must promise at least
 
 
@@ -32,14 +32,10 @@ def exchanged(choice: Choice, base: State, split: Split, rules: Evidence, catalo
         bare = without(state, name, split)
         found: dict[str, State] = {name: state}
         for other in in_its_place(name, bare, choice.ranking, split, rules, catalogue):
-            fitted = _fitted(bare, other, split)
-            if fitted is not None:
-                found[other] = prune(fitted, split, rules)
-        for other in later(choice, rules):
-            fitted = None if other in found else _fitted(state, other, split)
-            if fitted is not None:
-                found[other] = prune(without(fitted, name, split), split, rules)
-        found = {o: s for o, s in found.items() if o in s.names}
+            fitted = next(iter(by_law(bare, other, split).values()), None)  # None where every fit blew up
+            after = None if fitted is None else prune(afresh(fitted, split), split, rules)
+            if after is not None and other in after.names:
+                found[other] = after
         best = name
         for other, after in found.items():
             if other != best and is_better(after, found[best], split, rules):
@@ -61,19 +57,6 @@ def in_its_place(
     first = [n for n, gain in promise.items() if n != name and gain > enough][:_BY_PROMISE]
     then = [n for n in accepted_beside(ranking, name, rules) if n not in first and n not in bare.names]
     return first + then[:_BY_RANK]
-
-
-def later(choice: Choice, rules: Evidence) -> list[str]:
-    """What gained most in a later round and was not named: what one name imitates leaves a trace beside it."""
-    after = [r for r in choice.ranking if r.round > 1 and r.name not in choice.state.names]
-    able = [r for r in after if r.delta_bic > rules.bic and r.held_out_gain > 0.0]
-    return list(dict.fromkeys(r.name for r in sorted(able, key=lambda r: -r.delta_bic)))[:_LATER]
-
-
-def _fitted(state: State, other: str, split: Split) -> State | None:
-    """A hypothesis with one mechanism more, come to rest; None where every fit blew up."""
-    fitted = next(iter(by_law(state, other, split).values()), None)
-    return None if fitted is None else afresh(fitted, split)
 
 
 def accepted_beside(ranking: Sequence[Ranked], name: str, rules: Evidence) -> list[str]:
