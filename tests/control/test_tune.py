@@ -184,10 +184,14 @@ def test_robust_tuning_helps_the_tail_of_other_plants():
 
 
 def test_specification_of_the_thesis_gives_table_4_18():
-    """Half the radius: half the gains of Table 3.7 to start with, then its rise, settling time and overshoot."""
+    """Half the radius: half the gains of Table 3.7 to start with, then its rise, settling time and overshoot.
+
+    Three requirements, three gains; the filter stays.
+    """
     start = with_gains(thesis_pair(), {"Kp": 0.25, "Ki": 0.06, "Kd": 0.235})
     plant = thesis_loop(0.0075).plant
-    options = TuneOptions(search=SearchOptions(screened=0, rounds=()), walk=None, refined=1, steps=25)
+    search = SearchOptions(screened=0, rounds=())
+    options = TuneOptions(free=("Kp", "Ki", "Kd"), search=search, walk=None, refined=1, steps=25)
     found = tune(specification(plant, start), options)
     step = figures(Loop(Difference(PLANT, radius=0.0075), found.controller)).step
     assert step is not None
@@ -199,6 +203,8 @@ def test_specification_of_the_thesis_gives_table_4_18():
         assert ours.rmse < 1.03 * row.rmse_rad
         assert abs(ours.rmse / row.rmse_rad - 1) < 0.03
         assert ours.delay == pytest.approx(row.delay_s, abs=0.1)
+        # printed 1.80 deg at 55 deg, where the error of the maxima is on its way through zero: ours is 1.95
+        assert abs(ours.peak_error) < 1.03 * abs(row.peak_error_rad) + 0.1 * DEG
 
 
 def test_search_finds_the_better_of_two_wells():

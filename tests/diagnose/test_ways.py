@@ -40,7 +40,7 @@ def played(monkeypatch, misfits: dict[str, float]) -> list[tuple[str, ...]]:
     monkeypatch.setattr(select, "prune", lambda state, split, rules: state)
     monkeypatch.setattr(select, "equals", lambda best, others, before, split: ())
     monkeypatch.setattr(select, "worthwhile", lambda *_: True)
-    monkeypatch.setattr(select, "at_noise", lambda state, split: state.cost <= 1)
+    monkeypatch.setattr(select, "at_noise", lambda state, split, level=1.0: state.cost <= 1)
     monkeypatch.setattr(select, "is_better", lambda a, b, split, rules: a.cost < b.cost)
     return asked
 
@@ -57,9 +57,30 @@ def test_where_two_are_close_the_next_round_decides(monkeypatch):
 
 
 def test_where_one_is_far_ahead_only_it_is_followed(monkeypatch):
-    asked = played(monkeypatch, {"a": 500.0, "b": 530.0, "ac": 300.0, "bc": 1.0})
+    asked = played(monkeypatch, {"a": 500.0, "b": 530.0, "ac": 1.0, "bc": 0.5})
     assert chosen() == {"a", "c"}
     assert ("b",) not in asked
+
+
+def test_where_it_ends_away_from_the_noise_another_way_is_gone(monkeypatch):
+    """``a`` imitates what ``b`` and ``c`` do together."""
+    asked = played(monkeypatch, {"a": 500.0, "b": 900.0, "ac": 300.0, "bc": 1.0})
+    assert chosen() == {"b", "c"}
+    assert asked.index(("a", "c")) < asked.index(("b",))
+
+
+def test_another_way_that_falls_behind_is_left(monkeypatch):
+    asked = played(monkeypatch, {"a": 500.0, "b": 900.0, "ac": 300.0, "bc": 400.0, "bcd": 1.0})
+    assert chosen() == {"a", "c"}
+    assert ("b",) in asked
+    assert ("b", "c") not in asked
+
+
+def test_the_search_can_be_ended_with_the_first_name(monkeypatch):
+    asked = played(monkeypatch, {"a": 500.0, "ab": 1.0})
+    found = select.choose(Played((), 1000.0), None, Evidence(), None, enough=lambda s: s.names == ("a",))  # type: ignore[arg-type]
+    assert set(found.state.names) == {"a"}
+    assert asked == [()]
 
 
 def test_what_reaches_the_noise_ends_it_however_close_another_is(monkeypatch):

@@ -40,6 +40,36 @@ def test_crosstalk_is_its_equation_and_conserves_heat():
     np.testing.assert_allclose(balance["stored"], C_TH * found[-1].sum(), rtol=1e-2)
 
 
+def test_delayed_crosstalk_is_its_equation():
+    """Two temperatures and the air about each, all linear: by the exponential of their matrix."""
+    base = presets.aaa(PLANT, pulley_radius=0.015)
+    structure = extended(base.structure, "thermal_crosstalk")
+    laws = [float(m.name == "thermal_crosstalk") for m in structure.mechanisms]
+    own = {"thermal_crosstalk.exchange": 0.4, "thermal_crosstalk.time_constant": 2.0}
+    model = Model(structure, laws=laws).replace(base.values() | own)
+    time = np.arange(0, 20, 0.05)
+    volts = np.where(time < 12, 8.0, 0.0)
+    recording = recorded(time, {"voltage_agonist_V": volts, "voltage_antagonist_V": 0.3 * volts})
+    names = structure.state_names
+    mine = [i for i, name in enumerate(names) if "temperature" in name]
+    assert len(mine) == 4
+    found = np.asarray(simulate(model, recording).states)[:, mine]
+    pace, late = LAM / C_TH, 1.0 / 2.0
+    a = np.array(
+        [[-1.4 * pace, 0, 0.4 * pace, 0], [0, -1.4 * pace, 0, 0.4 * pace], [0, late, -late, 0], [late, 0, 0, -late]]
+    )
+    z, wanted = np.zeros(4), [np.zeros(4)]
+    for v in volts[:-1]:
+        rest = np.linalg.solve(a, -np.array([v**2, 0.09 * v**2, 0.0, 0.0]) / R / C_TH)
+        z = rest + scipy.linalg.expm(a * 0.05) @ (z - rest)
+        wanted.append(z)
+    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-12)
+    balance = energy_balance(model, recording)
+    np.testing.assert_allclose(balance["lost"] + balance["stored"], balance["supplied"], rtol=1e-9)
+    rest = model.initial(temperature=jnp.array([4.0, 1.0]))
+    np.testing.assert_allclose(np.asarray(rest)[mine], [4.0, 1.0, 1.0, 4.0])
+
+
 def test_both_actuators_of_a_joint_draw_on_one_supply():
     base = presets.aaa(PLANT, pulley_radius=0.015)
     structure = extended(base.structure, "supply_sag")

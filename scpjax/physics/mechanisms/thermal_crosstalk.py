@@ -1,5 +1,7 @@
 """Two actuators of a joint that warm each other."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from scpjax.parameter import Parameter
@@ -10,8 +12,14 @@ class ThermalCrosstalk(Mechanism):
     name = "thermal_crosstalk"
     title = "The two actuators warm each other"
     subsystem = "thermoelectric"
-    equation = "C_th dT_1/dt = P_1 - lambda_1 T_1 - g lambda (T_1 - T_2), and the same for 2; lambda: mean of both"
-    source = "lumped exchange between two bodies: Incropera, Fundamentals of Heat and Mass Transfer, ch. 3"
+    equation = (
+        "C_th dT_1/dt = P_1 - lambda_1 T_1 - g lambda (T_1 - T_2), and the same for 2; lambda: mean of both;  "
+        "law delayed: T_1 - a_1 in place of T_1 - T_2, tau da_1/dt = T_2 - a_1"
+    )
+    source = (
+        "lumped exchange between two bodies: Incropera, Fundamentals of Heat and Mass Transfer, ch. 3; delayed: the "
+        "air around each takes on the other's temperature as a well-mixed volume, ch. 5 there"
+    )
     says = "Heat flows from the warmer muscle of the joint to the other, through the air and the mount between them."
     needs = ("thermal", "joint")
     excited_by = "one muscle heated while the other rests"
@@ -26,11 +34,37 @@ class ThermalCrosstalk(Mechanism):
             null=0.0,
             spread=1.5,
         ),
+        Parameter(
+            name="time_constant",
+            symbol="τ",
+            unit="s",
+            description="time in which the warmth of one reaches the other (law delayed)",
+            typical=0.2,
+            bounds=(0.01, 10.0),
+            null=0.2,
+            spread=2.0,
+            time="response",
+        ),
     )
-    starts = ((0.3,),)
+    laws = ("direct", "delayed")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"time_constant": (1,)}
+    states = ("air_temperature",)
+    starts = ((0.3, 0.2),)
 
     def heat(self, p: Values, view: View) -> Side:
         if view.temperature.ndim == 0:  # alone, there is no other
             return jnp.zeros_like(view.temperature)
         between = jnp.mean(p.exchange * view.shared["conductance"])
-        return between * (view.temperature[::-1] - view.temperature)
+        other = jnp.where(p.law == 1, view.own[0], view.temperature[::-1])
+        return between * (other - view.temperature)
+
+    def rates(self, p: Values, view: View) -> tuple[Side, ...]:
+        return (jnp.where(p.law == 1, (_other(view) - view.own[0]) / p.time_constant, 0.0),)
+
+    def initial(self, p: Values, view: View) -> tuple[Side, ...]:
+        return (_other(view),)
+
+
+def _other(view: View) -> Side:
+    """Temperature of the other actuator; its own where there is none."""
+    return view.temperature if view.temperature.ndim == 0 else view.temperature[::-1]
