@@ -112,7 +112,8 @@ _BEHIND = 0.2  # of the leader's promise, less than which it is not
 _RIVAL = 0.9  # of the leader's gain, with which a trial goes on once a mechanism has reached the noise
 _FAR_BEHIND = 0.6  # of it, less than which nothing more is fitted once a mechanism has reached the noise
 _AT_LEAST, _AT_MOST, _LATER = 2, 5, 3  # mechanisms fitted; of them beside others already named
-_GOOD = 0.75  # of the misfit in excess of the noise: where nothing fitted takes so much away, twice as many are
+_GOOD = 0.75  # of the misfit in excess of the noise: where nothing fitted takes so much away, twice as many are; and
+# beside others already named wherever nothing has reached the noise
 _ABREAST = 0.8  # of the leader's promise, with which one is fitted too as long as nothing has reached the noise
 _COARSE = 1e-4  # half the fall of the sum of squares in one step, as a share of it, with which a trial need not go on
 _STARTS = 8  # of one mechanism, at most
@@ -156,7 +157,8 @@ def fit_promising(
     for i, promise in enumerate(worth):
         if explained and promise.gain < _FAR_BEHIND * promises[0].gain:
             continue
-        enough = lead > _GOOD * excess and (explained or promise.gain < _ABREAST * promises[0].gain)
+        behind = not state.names and promise.gain < _ABREAST * promises[0].gain
+        enough = lead > _GOOD * excess and (explained or behind)
         if promise.mechanism.name in out or (i >= most and enough and not _is(promise, begun)):
             continue
         make_room()

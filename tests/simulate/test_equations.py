@@ -103,22 +103,22 @@ def activated():
 
 
 def hysteresis(law):
-    width = 0.15 * 0.01
+    width, plays = 0.15 * 0.01, law in (2, 3)
     weights = np.exp(-0.5 * np.array([1.0, 0.6, 0.25]))
     weights *= np.array([1.0, 1.4, 0.7]) / weights.sum()
 
     def rates(_t, z, u):
         t, x, v, q, *others = z
         warming = (u / R - LAM * t) / C_TH
-        moved = warming * 0.01 / 50.0 if law == 3 else v
-        filled = abs(q) ** (8 if law >= 2 else 3) if moved * q > 0 else 0.0
-        slip = (v - abs(v) * q) / width if law == 1 else moved / width * (1 - filled)
+        moved = warming * 0.01 / 50.0 if law >= 3 else v
+        filled = abs(q) ** (8 if plays else 3) if moved * q > 0 else 0.0
+        slip = (moved - abs(moved) * q) / width if law in (1, 4) else moved / width * (1 - filled)
         narrower = [
-            moved / (width * share) * (1 - (y**8 if moved * y > 0 else 0.0)) if law >= 2 else 0.0
+            moved / (width * share) * (1 - (y**8 if moved * y > 0 else 0.0)) if plays else 0.0
             for share, y in zip((0.6, 0.25), others, strict=True)
         ]
         played = np.dot(weights, np.array([1.0, 0.6, 0.25]) * np.array([q, *others]))
-        force = 0.4 * K * width * (q if law < 2 else played)
+        force = 0.4 * K * width * (played if plays else q)
         return [warming, *mechanics(x, v, t, K * x + force), slip, *narrower]
 
     return rates, (*START, 0.0, 0.0, 0.0)

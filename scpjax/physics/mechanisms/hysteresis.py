@@ -24,8 +24,8 @@ class Hysteresis(Mechanism):
     equation = (
         "F = -h k w z;  law Bouc-Wen: dz/dt = (v/w) (1 - |z|^n (1 + sign(v z))/2);  law Duhem: dz/dt = (v - |v| z)/w;  "
         "law plays: three plays, F = -h k sum m_i p_i w_i z_i, w_i = w, 0.6 w and 0.25 w, p_i = exp(-w_i/2w)/sum, "
-        "m_1 = 1, m_2 and m_3 estimated, z_i as Bouc-Wen with n = 8 and w_i;  law thermal plays: the same, moved by "
-        "dT/dt x_ref/T_ref in place of v"
+        "m_1 = 1, m_2 and m_3 estimated, z_i as Bouc-Wen with n = 8 and w_i;  laws thermal plays, thermal Duhem: "
+        "moved by dT/dt x_ref/T_ref in place of v"
     )
     source = (
         "Bouc-Wen, rate independent: Ismail, Ikhouane, Rodellar, Arch. Comput. Methods Eng. 16 (2009) 161; Duhem and "
@@ -35,8 +35,8 @@ class Hysteresis(Mechanism):
     says = "The way back is not the way there: after a reversal the displacement stays behind."
     needs = ("mechanical",)
     excited_by = "reversals of different size"
-    laws = ("Bouc-Wen", "Duhem", "plays", "thermal plays")
-    law_needs: ClassVar[dict[int, tuple[str, ...]]] = {3: ("thermal",)}
+    laws = ("Bouc-Wen", "Duhem", "plays", "thermal plays", "thermal Duhem")
+    law_needs: ClassVar[dict[int, tuple[str, ...]]] = {3: ("thermal",), 4: ("thermal",)}
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {"sharpness": (0,), "middle": (2, 3), "inner": (2, 3)}
     states = ("internal_stretch", "second_stretch", "third_stretch")
     parameters = (
@@ -105,7 +105,7 @@ class Hysteresis(Mechanism):
             name="reference_temperature",
             symbol="T_ref",
             unit="K",
-            description="temperature excess at which the width is stated (law thermal plays)",
+            description="temperature excess at which the width is stated (laws thermal)",
             typical=50.0,
             bounds=(1e-6, 1e9),
             null=50.0,
@@ -117,31 +117,37 @@ class Hysteresis(Mechanism):
     def force(self, p: Values, view: View) -> Side:
         stretches = [jnp.clip(z, -OVER, OVER) for z in view.own]
         played = sum(weight * z for weight, z in zip(_weights(p), stretches, strict=True))
-        stretch = jnp.where(p.law >= 2, played, stretches[0])
+        stretch = jnp.where(_plays(p), played, stretches[0])
         return -p.strength * view.shared["stiffness"] * p.width * p.reference * stretch
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
-        moved = jnp.where(p.law == 3, view.warming / p.reference_temperature, view.velocity / p.reference)
+        moved = jnp.where(p.law >= 3, view.warming / p.reference_temperature, view.velocity / p.reference)
         first, *others = (jnp.clip(z, -OVER, OVER) for z in view.own)
         rate = moved / p.width
-        sharpness = jnp.where(p.law >= 2, SHARP, p.sharpness)
+        plays = _plays(p)
+        sharpness = jnp.where(plays, SHARP, p.sharpness)
         fill = jnp.exp(sharpness * jnp.log(jnp.sqrt(first**2 + 1e-12)))
         slip = rate * (1.0 - fill * jnp.where(rate * first > 0, 1.0, 0.0))
-        slip = jnp.where(p.law == 1, rate - jnp.abs(rate) * first, slip)
+        slip = jnp.where((p.law == 1) | (p.law == 4), rate - jnp.abs(rate) * first, slip)
         # left out (strength 0), the element rests: its state could not matter and a step might be too long for it
         there = p.strength > 0
         out = [jnp.where(there, slip, 0.0)]
         for z, share in zip(others, SHARES[1:], strict=True):
             eighth = ((z * z) ** 2) ** 2
             narrower = rate / share * (1.0 - eighth * jnp.where(rate * z > 0, 1.0, 0.0))
-            out.append(jnp.where(there & (p.law >= 2), narrower, 0.0))
+            out.append(jnp.where(there & plays, narrower, 0.0))
         return tuple(out)
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
         """What holds it beside its equilibrium, if it begins there: F = k displaced."""
-        whole = jnp.where(p.law >= 2, sum(_weights(p)), 1.0)
+        whole = jnp.where(_plays(p), sum(_weights(p)), 1.0)
         most = jnp.maximum(p.strength * p.width * whole, 1e-9) * p.reference  # m, that it could hold
         return (jnp.clip(-view.displaced / most, -1.0, 1.0) * jnp.ones_like(view.displacement),) * len(self.states)
+
+
+def _plays(p: Values) -> Array:
+    """Whether it is one of the laws with three plays."""
+    return (p.law == 2) | (p.law == 3)
 
 
 def _weights(p: Values) -> tuple[Array, ...]:
