@@ -212,8 +212,7 @@ def afresh(state: State, split: Split) -> State:
     """
     setup = state.setup
     now, laws = state.values, np.asarray(state.trial.laws)
-    added = np.isin([s.mechanism for s in setup.structure.slots], state.names)
-    keep = np.concatenate([added, np.zeros(len(now) - len(added), bool)])
+    keep = _added(setup, state.names, len(now))
     begun = [trial_at(setup, np.where(keep, now, start), laws) for start in setup.starts[:3]]
     solved, cost, rest = solve_all([state.trial, *begun], split.train, setup.space, max_steps=FEW, tolerance=TOLERANCE)
     worst = float(np.max(cost[np.isfinite(cost)]))
@@ -223,11 +222,19 @@ def afresh(state: State, split: Split) -> State:
 
 
 def without(state: State, name: str, split: Split) -> State:
-    """The hypothesis with one of its mechanisms taken out, fitted again."""
+    """The hypothesis with one of its mechanisms taken out, fitted again from where it stands and, as the base may have
+    been bent beside that mechanism, from the base parameters that the data suggested at first.
+    """
     old = state.setup
     setup = reduced(old, name)
-    value = carry(
-        old.structure, setup.structure, state.values, np.asarray(setup.starts[0])[: len(setup.structure.slots)]
-    )
+    first = np.asarray(setup.starts[0])
+    value = carry(old.structure, setup.structure, state.values, first[: len(setup.structure.slots)])
     laws = laws_of(old, np.asarray(state.trial.laws), setup)
-    return at_rest(setup, split, [trial_at(setup, value, laws)])
+    begun = np.where(_added(setup, state.names, len(value)), value, first)
+    return at_rest(setup, split, [trial_at(setup, value, laws), trial_at(setup, begun, laws)])
+
+
+def _added(setup: Setup, names: Sequence[str], count: int) -> np.ndarray:
+    """Which of ``count`` values belong to mechanisms named."""
+    own = np.isin([s.mechanism for s in setup.structure.slots], names)
+    return np.concatenate([own, np.zeros(count - len(own), bool)])
