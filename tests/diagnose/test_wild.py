@@ -1,0 +1,58 @@
+"""Wild samples that a strong misfit conceals are found once the effect has its name."""
+
+import numpy as np
+from creeping import AMBIENT, BASE
+
+from scpjax.diagnose.diagnose import diagnose
+from scpjax.diagnose.holdout import split
+from scpjax.fit.setup import prepare
+from scpjax.physics.catalogue import mechanism
+from scpjax.physics.model import Model
+from scpjax.physics.presets import structure
+from scpjax.recordings import excitation
+from scpjax.recordings.recording import Metadata, Recording
+from scpjax.simulate.simulate import Adaptive, simulate
+
+NOISE = 0.05  # K
+WILD = 30
+
+
+def lagging() -> Recording:
+    """A thermometer 1.5 s late, read with fine noise, and wild now and then."""
+    time, drive = excitation.multilevel_random(duration_s=120, period_s=0.1, low=0.5, high=4, hold_s=6, seed=1)
+    own = {k: v for k, v in BASE.items() if k.startswith(("joule", "newton"))}
+    model = Model(structure("te").with_mechanisms(mechanism("sensor_lag")), ambient=AMBIENT)
+    model = model.replace({**own, "sensor_lag.time_constant": 1.5})
+    played = Recording.from_arrays(time, {"voltage_V": drive}, {}, require_outputs=False)
+    clean = np.asarray(simulate(model, played, method=Adaptive(rtol=1e-8, atol=1e-10)).outputs)[:, 0] - 273.15
+    rng = np.random.default_rng(3)
+    read = clean + NOISE * rng.standard_normal(len(time))
+    at = rng.choice(np.arange(5, len(time) - 5), WILD, replace=False)
+    read[at] += NOISE * rng.choice([-1, 1], WILD) * rng.uniform(10, 40, WILD)
+    meta = Metadata(name="late", known=(("resistance_ohm", 1.2),), ambient_K=AMBIENT, model="te")
+    return Recording.from_arrays(time, {"voltage_V": drive}, {"temperature_degC": read}, metadata=meta)
+
+
+def test_wild_samples_are_looked_for_again_beside_the_first_name():
+    found = diagnose([lagging()])
+    assert found.verdict == "explained"
+    assert [m.name for m in found.mechanisms] == ["sensor_lag"]
+    beside_base, beside_name = (int(next(w for w in note.split() if w.isdigit())) for note in found.notes[-2:])
+    assert "seen beside sensor_lag" in found.notes[-1]
+    assert beside_base > 0
+    assert beside_name > 0
+    assert WILD - 2 <= beside_base + beside_name <= WILD + 2
+
+
+def test_samples_left_out_leave_the_stretches_as_they_were():
+    data = prepare([lagging()]).data
+    parts = split(data)
+    weights = np.array(data.weights)
+    weights[0, 700:702] = 0.0
+    fewer = parts.with_weights(weights)
+    np.testing.assert_array_equal(fewer.mask, parts.mask)
+    np.testing.assert_array_equal(fewer.whole.weights, weights)
+    np.testing.assert_array_equal(fewer.train.weights, np.where(parts.mask, 0.0, weights))
+    gone = np.asarray(parts.whole.norm) != np.asarray(fewer.whole.norm)
+    gone &= np.isfinite(np.asarray(parts.whole.norm))
+    assert 1 <= gone.sum() <= 2
