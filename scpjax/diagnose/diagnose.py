@@ -123,8 +123,8 @@ def _chosen(
         search = partial(
             choose, rules=options.evidence, catalogue=catalogue, max_steps=options.max_steps, progress=tell
         )
-        some = np.any(np.asarray(parts.whole.weights) != np.asarray(base.setup.data.weights))
-        choice = search(base, parts, enough=lambda s: _wild(s, parts).any()) if some else search(base, parts)
+        some = bool(np.any(np.asarray(parts.whole.weights) != np.asarray(base.setup.data.weights)))
+        choice = search(base, parts, enough=lambda first: some and bool(_wild(first, parts).any()))
         wild = _wild(choice.state, parts) if some and choice.state.names else np.zeros(())
         if wild.any():
             notes = (*notes, f"{wild.sum()} more were, seen beside {choice.state.names[0]}")

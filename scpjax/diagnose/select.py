@@ -277,6 +277,7 @@ def choose(
         # the same names reached by another way are no way of their own
         others = (b for b in further if not b.ended and set(b.state.names) != set(leader.state.names))
         branches = [leader, *others][:_WAYS]
+    leader = leaders[-1]
     if leader.state.names and not at_noise(leader.state, split, _FAR):
         leader = _by_another_way(search, rounds[0][0], leaders, tell)
     return _choice(leader)
