@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scpjax.diagnose.evidence import Comparison, Evidence, compare
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.select import Comparison, Evidence, compare
 from scpjax.diagnose.trials import State, at_noise, fit_leading, grown, integrable, laws_of
 from scpjax.fit.identifiability import uncertainty
 from scpjax.fit.problem import CEILING, Trial

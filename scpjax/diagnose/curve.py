@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from scpjax.diagnose.evidence import Comparison, Evidence, are_alike, compare
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.select import Comparison, Evidence, are_alike, compare
 from scpjax.diagnose.trials import State, fit_leading, grown, integrable, laws_of
 from scpjax.fit.problem import CEILING, Trial, initial_state, unpack
 from scpjax.fit.setup import Setup, carry

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from scpjax.diagnose.answer import answer
+from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.exchange import exchanged
 from scpjax.diagnose.holdout import Split, split
 from scpjax.diagnose.latent import missing
@@ -18,7 +19,7 @@ from scpjax.diagnose.outside import AT_NOISE, able, beyond_names, level
 from scpjax.diagnose.profiles import Limits
 from scpjax.diagnose.result import Diagnosis
 from scpjax.diagnose.rivals import Outcome, next_experiment
-from scpjax.diagnose.select import Choice, Evidence, Progress, choose
+from scpjax.diagnose.select import Choice, Progress, choose
 from scpjax.diagnose.together import choose_together
 from scpjax.diagnose.trials import State, grown, residual_on
 from scpjax.fit.data import Data

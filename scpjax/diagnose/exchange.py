@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, are_equal, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.screen import screen
-from scpjax.diagnose.select import EQUIVALENTS, Choice, Evidence, are_equal, is_better, prune
+from scpjax.diagnose.select import Choice, prune
 from scpjax.diagnose.trials import State, afresh, without
 from scpjax.fit.setup import Setup
 

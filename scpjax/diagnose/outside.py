@@ -8,9 +8,10 @@ import numpy as np
 
 from scpjax.diagnose.closure import Learned, learn
 from scpjax.diagnose.curve import Curve, bend
+from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Latent
-from scpjax.diagnose.select import Choice, Evidence
+from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State, misfit, without
 
 AT_NOISE = 1.15  # ratio of residual to noise, in some column, up to which nothing more is asked for
@@ -18,6 +19,8 @@ _LITTLE_LEFT = 0.05  # of the held-out misfit in excess of the noise: what names
 _NEAR_NOISE = 4.0  # ratio of residual to noise, up to which what is left may be the form of a law
 _MUCH = 0.2  # of the misfit: what names may leave that is still no matter of a law's form
 _CLEARLY = 2.5  # ratio of residual to noise, above which names that leave much are false
+_NO_SCALE = 100.0  # ratio of the base model's residual to noise, above which the noise is no scale for a law's error
+_HALF = 0.5  # of the misfit: what names may leave there
 _BEHIND = 0.05  # of the misfit, by which a balance may answer for less than the best and be in question too
 _COMPLETE = 0.1  # of the misfit: what a closure alone may leave to be an explanation in place of names
 _FAR_BETTER = 0.5  # ratio of what it leaves to what the names leave, below which they are false
@@ -65,9 +68,10 @@ def beyond_names(
     """What is to be said when the named mechanisms do not reach the noise.
 
     Names are false if a closure without them does far better on the held-out misfit, and explains nearly all of it or
-    they leave much; or if they leave much that stands clearly above the noise. A closure is learned beyond the names
-    that stay; in their balances, as a correction of their laws, where they leave little. A last name that came where
-    little was left is false if such a correction does better in its place.
+    they leave much; or if they leave much that stands clearly above the noise, where that is so small that no simple
+    law comes near it more than half. A closure is learned beyond the names that stay; in their balances, as a
+    correction of their laws, where they leave little. A last name that came where little was left is false if such a
+    correction does better in its place.
     """
     held = parts.is_held
     whole, left = _unexplained(base, held), _unexplained(choice.state, held)
@@ -84,7 +88,8 @@ def beyond_names(
     much = left > _MUCH * whole
     by_closure = whole if alone is None else _unexplained(alone.state, held)
     better = by_closure < _FAR_BETTER * left and (much or by_closure < _COMPLETE * whole)
-    if better or (much and level(choice.state, parts) > _CLEARLY):
+    allowed = _HALF if level(base, parts) > _NO_SCALE else _MUCH
+    if better or (left > allowed * whole and level(choice.state, parts) > _CLEARLY):
         return Choice(base, choice.ranking, {}, {}, given_up=(choice.state.names, left / whole)), alone
     return choice, closure(choice.state, parts, rules)
 

@@ -6,95 +6,33 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.special import expit
 
+from scpjax.diagnose.evidence import Comparison, Evidence, ahead, compare, equals, is_better, probabilities, worthwhile
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.screen import fit_promising, fresh, screen
 from scpjax.diagnose.trials import (
-    SAME,
     State,
     afresh,
     at_noise,
     at_rest,
+    in_order,
     misfit,
-    moving,
     start_value,
     trial_at,
     without,
 )
-from scpjax.fit.colour import Whitener
 from scpjax.fit.setup import Setup, laws_that_can_act
 from scpjax.physics.mechanism import Mechanism
 
 Progress = Callable[[str, float], None]
 
-_FORM = 0.015  # of the misfit, which a law of another form may leave more than the best and be its equal
 _STRAIGHT = 1.3  # mean square, in units of the noise's, up to which a base model has not been bent
-_PLAIN = 100.0  # mean square, in units of the noise's, that is no matter of a law's form
 _CLOSE = 20.0  # difference of BIC (10 nats) up to which two mechanisms are close
 _WAYS = 2  # gone at a time
 _OTHERS = 2  # gone where the best one ends away from the noise
 _FAR = 1.15**2  # mean square, in units of the noise's, above which it does
-EQUIVALENTS = 3
-"""Told of a mechanism, at most."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Evidence:
-    """What it takes to be named.
-
-    ``bic``: gain in BIC, with an effective sample size, over what was named before; ``share``: of the misfit in excess
-    of the noise, in some column, that a mechanism must remove (pure BIC adds a second effect to make up for a slightly
-    wrong law of the first); ``held_out``: gain in the held-out misfit, in units of what the noise makes it;
-    ``worth``: of the base model's misfit in some column, what each must remove, as the law of another is never quite
-    right; ``most``: mechanisms at most.
-    """
-
-    bic: float = 12.0
-    share: float = 0.2
-    held_out: float = 6.0
-    worth: float = 0.015
-    most: int = 3
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """A hypothesis with one mechanism more against the one without."""
-
-    state: State
-    added: str
-    law: str
-    delta_bic: float
-    held_out_gain: float  # relative fall of the held-out RMS misfit
-    held_out_excess: float  # fall of the held-out sum of squares, in units of what it would be by chance
-    removed: float  # largest share of any column's excess misfit that went
-    accepted: bool
-
-
-def compare(before: State, after: State, added: str, law: str, split: Split, rules: Evidence, extra: int) -> Comparison:
-    """Evidence for the mechanism by which ``after`` goes beyond ``before``."""
-    t, h = split.is_train, split.is_held
-    white = Whitener.learn(after.residual, t)
-    (sse0, n), (sse1, _) = (white(s.residual, t) for s in (before, after))
-    (held0, _), (held1, _) = (white(s.residual, h) for s in (before, after))
-    variance = max(sse1 / max(n, 1), white.floor)
-    delta_bic = (sse0 - sse1) / variance - extra * np.log(max(n, 2))
-    excess_gain = (held0 - held1) / variance
-    held = [float(np.sum(s.residual[h] ** 2)) for s in (before, after)]
-    removed = 0.0
-    for j in range(t.shape[2]):
-        there = (t | h)[..., j]
-        if not there.any():
-            continue
-        a, b = (float(np.mean(s.residual[..., j][there] ** 2)) for s in (before, after))
-        floor = min(1.0, b)
-        if a - floor > 0.02:
-            removed = max(removed, (a - b) / (a - floor))
-    gain = 1.0 - np.sqrt(held[1] / max(held[0], 1e-300))
-    accepted = delta_bic > rules.bic and excess_gain > rules.held_out and gain > 0 and removed > rules.share
-    return Comparison(
-        after, added, law, float(delta_bic), float(gain), float(excess_gain), float(removed), bool(accepted)
-    )
 
 
 def try_all(
@@ -139,18 +77,6 @@ def _best_law(m: Mechanism, found: Sequence[Comparison], split: Split, rules: Ev
     return best
 
 
-def probabilities(comparisons: Sequence[Comparison], *, prior_none: float = 0.5) -> dict[str, float]:
-    """Posterior share of each mechanism against the others and none, from BIC differences (exp(BIC/2))."""
-    if not comparisons:
-        return {}
-    log = np.array([0.0] + [c.delta_bic / 2 if c.accepted else min(c.delta_bic / 2, -2.0) for c in comparisons])
-    log[0] += np.log(prior_none)
-    log[1:] += np.log((1 - prior_none) / len(comparisons))
-    share = np.exp(log - log.max())
-    share /= share.sum()
-    return {c.added: float(p) for c, p in zip(comparisons, share[1:], strict=True)}
-
-
 @dataclass(frozen=True)
 class Choice:
     """How it ended: the hypothesis chosen, all that was tried, and what could stand in for what.
@@ -163,58 +89,6 @@ class Choice:
     probability: dict[str, float]
     equivalents: dict[str, tuple[str, ...]]
     given_up: tuple[tuple[str, ...], float] = ((), 0.0)
-
-
-def excess(state: State, split: Split) -> np.ndarray:
-    """Mean square beyond what the noise makes, by column; 0 where there is none."""
-    return np.maximum(misfit(state, split) - 1.0, 0.0)
-
-
-def worthwhile(before: State, after: State, base: State, split: Split, share: float) -> bool:
-    """Whether enough of the base model's misfit goes, in some column, to speak of another effect.
-
-    What stands out of the noise tenfold is spoken of however little of the whole it is.
-    """
-    left, whole = excess(before, split), excess(base, split)
-    return bool(np.any((left - excess(after, split) > share * whole) | (left > _PLAIN)))
-
-
-def distance(a: State, b: State, split: Split) -> float:
-    """RMS difference of what two hypotheses predict, in units of the noise."""
-    return float(np.sqrt(np.mean((a.residual - b.residual)[split.is_train | split.is_held] ** 2)))
-
-
-def are_alike(a: State, b: State, split: Split) -> bool:
-    """Whether two hypotheses predict the same, within half the noise."""
-    return distance(a, b, split) < SAME
-
-
-def _equal(a: State, b: State, before: State, split: Split, behind: float) -> bool:
-    """Whether ``a`` predicts what ``b`` does and is about as likely (BIC ``behind``), or leaves no more of the misfit
-    ``before`` than the form of a law decides.
-    """
-    more = excess(a, split) - excess(b, split)
-    return are_alike(a, b, split) and (behind < 10.0 or not np.any(more > _FORM * excess(before, split)))
-
-
-def are_equal(a: State, b: State, before: State, split: Split, rules: Evidence) -> bool:
-    """Whether these recordings cannot tell two hypotheses, of which ``b`` is the better, apart."""
-    behind = compare(a, b, "", "", split, rules, moving(b) - moving(a)).delta_bic
-    return _equal(a, b, before, split, behind)
-
-
-def equals(best: Comparison, others: Sequence[Comparison], before: State, split: Split) -> tuple[str, ...]:
-    """Mechanisms that these recordings cannot tell from the best: they predict the same, within half the noise.
-
-    And are about as likely, or explain as much to within what the form of a law decides.
-    """
-    found = []
-    for c in others:
-        if c.added == best.added or not c.accepted:
-            continue
-        if _equal(c.state, best.state, before, split, best.delta_bic - c.delta_bic):
-            found.append((distance(c.state, best.state, split), c.added))
-    return tuple(name for _, name in sorted(found)[:EQUIVALENTS])
 
 
 @dataclass(frozen=True)
@@ -346,6 +220,9 @@ def _by_another_way(
 ) -> _Branch:
     """The best of what leads at the end and of ways that begin with another name of the first round, each gone on for
     as long as it leads what led at its length.
+
+    What speaks for the name with which such a way begins is all that the way has ahead of what led before. Told of
+    first is the name that alone explained most.
     """
     split, rules = search.split, search.rules
     leader = leaders[-1]
@@ -359,15 +236,17 @@ def _by_another_way(
             if not is_better(way.state, leaders[min(round_, len(leaders)) - 1].state, split, rules):
                 break
             if at_noise(way.state, split):
-                return way
-        leader = _best([leader, way], split, rules)
-    return leader
-
-
-def is_better(a: State, b: State, split: Split, rules: Evidence) -> bool:
-    """Whether one hypothesis has more evidence for it than another: BIC, as for mechanisms."""
-    extra = moving(a) - moving(b)
-    return compare(b, a, "", "", split, rules, extra).delta_bic > 0
+                break
+        if is_better(way.state, leader.state, split, rules):
+            if set(way.state.names) == set(leader.state.names):
+                leader = replace(leader, state=way.state)
+            else:
+                own = float(expit(ahead(way.state, leader.state, split, rules) / 2))
+                leader = replace(way, chance=way.chance | {c.added: own})
+        if at_noise(leader.state, split):
+            break
+    strongest = next((c.added for c in first.accepted if c.added in leader.state.names), None)
+    return leader if strongest is None else replace(leader, state=in_order(leader.state, strongest))
 
 
 def prune(state: State, split: Split, rules: Evidence) -> State:

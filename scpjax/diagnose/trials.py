@@ -234,6 +234,21 @@ def without(state: State, name: str, split: Split) -> State:
     return at_rest(setup, split, [trial_at(setup, value, laws), trial_at(setup, begun, laws)])
 
 
+def in_order(state: State, first: str) -> State:
+    """The hypothesis with one of its mechanisms told of first."""
+    old = state.setup
+    mechanisms = old.structure.mechanisms
+    at = next(i for i, m in enumerate(mechanisms) if not m.is_base)
+    rest = [m for m in mechanisms[at:] if m.name != first]
+    setup = restructured(
+        old, replace(old.structure, mechanisms=(*mechanisms[:at], old.structure.mechanism(first), *rest))
+    )
+    null = np.asarray(setup.starts[0])[: len(setup.structure.slots)]
+    value = carry(old.structure, setup.structure, state.values, null)
+    laws = laws_of(old, np.asarray(state.trial.laws), setup)
+    return replace(state, setup=setup, trial=trial_at(setup, value, laws))
+
+
 def _added(setup: Setup, names: Sequence[str], count: int) -> np.ndarray:
     """Which of ``count`` values belong to mechanisms named."""
     own = np.isin([s.mechanism for s in setup.structure.slots], names)

@@ -95,7 +95,11 @@ class Mechanism(eqx.Module):
 
     def free_parameters(self, law: int) -> tuple[Parameter, ...]:
         """What is estimated under a law (its index among ``laws``)."""
-        return tuple(p for p in self.parameters if not p.fixed and law in self.only_under.get(p.name, (law,)))
+        return tuple(p for p in self.parameters if not p.fixed and self.serves(p, law))
+
+    def serves(self, p: Parameter, law: int) -> bool:
+        """Whether a law has any use for a parameter, fixed or estimated."""
+        return law in self.only_under.get(p.name, (law,))
 
     def effort(self, p: Values, view: View, effort: Side) -> Side:
         """Effort that reaches the wire, given what the mechanisms before made of it."""

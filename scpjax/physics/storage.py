@@ -198,9 +198,9 @@ class _Reader:
         for key in given:
             self.known(key, "parameter", s.index)
         theta = []
-        used = {m.name: m.free_parameters(int(law)) for m, law in zip(s.mechanisms, laws, strict=True)}
+        law = {m.name: int(law) for m, law in zip(s.mechanisms, laws, strict=True)}
         for slot in s.slots:
-            idle = not slot.parameter.fixed and slot.parameter not in used[slot.mechanism]
+            idle = not s.mechanism(slot.mechanism).serves(slot.parameter, law[slot.mechanism])
             if slot.key not in given and idle:  # a parameter of other laws that came after this file was written
                 theta.append(self.finite(slot.parameter.null, slot.key))
                 continue

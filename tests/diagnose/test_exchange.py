@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import pytest
 
 from scpjax.diagnose import exchange
+from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.exchange import accepted_beside, exchanged, in_its_place
 from scpjax.diagnose.result import Ranked
-from scpjax.diagnose.select import Choice, Evidence
+from scpjax.diagnose.select import Choice
 
 RANKING = (
     Ranked("a", 100.0, 0.5, 0.9, "", 1),

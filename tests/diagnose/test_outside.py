@@ -13,12 +13,13 @@ from diagnose.creeping import AMBIENT, BASE
 from scpjax.diagnose import outside
 from scpjax.diagnose.answer import TRUSTED, _subsystem, answer
 from scpjax.diagnose.closure import learn, offers
+from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.holdout import Split, split
 from scpjax.diagnose.latent import missing
 from scpjax.diagnose.locate import observe
 from scpjax.diagnose.outside import able, beyond_names, form_at_most, level
 from scpjax.diagnose.rivals import added
-from scpjax.diagnose.select import Choice, Evidence
+from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State, residual_on
 from scpjax.fit.fit import best_start, refine
 from scpjax.fit.setup import prepare
@@ -198,6 +199,9 @@ def test_names_that_explain_less_than_a_closure_are_not_given():
         (0.5, 2.0, 0.3, True),
         (0.15, 2.0, 0.07, False),  # and explains nearly all
         (0.25, 2.0, 0.12, False),
+        (0.4, 40.0, None, False),
+        (0.4, 80.0, None, True),  # noise so small that no law comes near it: more than half went
+        (0.6, 80.0, None, False),
         (0.15, 2.0, 0.08, True),
     ],
 )

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from scpjax.diagnose import outside, screen, select
-from scpjax.diagnose.select import Choice, Comparison, Evidence
+from scpjax.diagnose import evidence, outside, screen, select
+from scpjax.diagnose.evidence import Comparison, Evidence
+from scpjax.diagnose.select import Choice
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,8 @@ def played(monkeypatch, misfits: dict[str, float]) -> list[tuple[str, ...]]:
     monkeypatch.setattr(select, "worthwhile", lambda *_: True)
     monkeypatch.setattr(select, "at_noise", lambda state, split, level=1.0: state.cost <= 1)
     monkeypatch.setattr(select, "is_better", lambda a, b, split, rules: a.cost < b.cost)
+    monkeypatch.setattr(select, "ahead", lambda a, b, split, rules: b.cost - a.cost)
+    monkeypatch.setattr(select, "in_order", lambda s, first: Played((first, *sorted({*s.names} - {first})), s.cost))
     return asked
 
 
@@ -67,6 +70,39 @@ def test_where_it_ends_away_from_the_noise_another_way_is_gone(monkeypatch):
     asked = played(monkeypatch, {"a": 500.0, "b": 900.0, "ac": 300.0, "bc": 1.0})
     assert chosen() == {"b", "c"}
     assert asked.index(("a", "c")) < asked.index(("b",))
+
+
+@pytest.mark.parametrize(
+    ("gain", "held_out", "better"), [(5.0, 0.1, True), (5.0, -0.1, False), (-5.0, 0.1, False), (0.0, 0.1, False)]
+)
+def test_the_better_has_more_evidence_and_predicts_better(monkeypatch, gain, held_out, better):
+    state = SimpleNamespace(trial=SimpleNamespace(active=np.zeros(3)))
+    asked = Comparison(None, "", "", gain, held_out, 0.0, 0.0, False)  # type: ignore[arg-type]
+    monkeypatch.setattr(evidence, "compare", lambda *_: asked)
+    assert evidence.is_better(state, state, None, Evidence()) == better  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("ac", "bc"), [(300.0, 1.0), (302.0, 300.0)])
+def test_what_speaks_for_the_first_name_of_another_way_is_the_whole_way(monkeypatch, ac, bc):
+    """Alone ``b`` is nowhere; with ``c`` it does as much better than ``a`` with ``c`` as BIC says."""
+    played(monkeypatch, {"a": 500.0, "b": 900.0, "ac": ac, "bc": bc, "c": 970.0})
+    found = select.choose(Played((), 1000.0), None, Evidence(), None)  # type: ignore[arg-type]
+    assert found.probability["b"] == pytest.approx(1 / (1 + np.exp(-(ac - bc) / 2)))
+
+
+def test_told_first_is_what_alone_explained_most(monkeypatch):
+    """``a`` with ``c`` cannot be reached by way of ``a``, which is ahead, but by way of ``c``."""
+    played(monkeypatch, {})
+
+    def with_one_more(state, split, rules, catalogue, *, max_steps, tell):
+        after = {(): {"a": 500.0, "c": 900.0}, ("c",): {"a": 1.0}}.get(state.names, {})
+        found = [(n, Played((*state.names, n), left)) for n, left in after.items()]
+        return [Comparison(s, n, "", state.cost - s.cost, 0.5, 50.0, 0.5, True) for n, s in found]
+
+    monkeypatch.setattr(select, "try_all", with_one_more)
+    found = select.choose(Played((), 1000.0), None, Evidence(), None)  # type: ignore[arg-type]
+    assert found.state.names == ("a", "c")
+    assert found.probability["c"] > 0.99
 
 
 def test_another_way_that_falls_behind_is_left(monkeypatch):
