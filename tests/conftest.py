@@ -15,6 +15,8 @@ if knows_options():
 import jax
 import pytest
 
+from scpjax import kept
+
 jax.config.update("jax_enable_x64", True)
 jax.config.update(
     "jax_compilation_cache_dir",
@@ -64,6 +66,13 @@ def practice_dir() -> Path:
     """Made recordings with the truth beside: the sibling of the real ones."""
     data = Path(os.environ.get("SCPJAX_DATA", ROOT.parent / "shared" / "data"))
     return _folder(data.parent / "practice")
+
+
+@pytest.fixture(autouse=True)
+def _programs_of_a_call_are_its_own():
+    """What the command line keeps between calls is not for tests that play parts of the package."""
+    yield
+    kept.keep_in(None)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -16,6 +16,7 @@ from scpjax.physics.structure import Structure
 SOURCE = Path(scpjax.__file__).parent
 RANK = {
     "errors": 0,
+    "kept": 0,
     "units": 1,
     "parameter": 1,
     "compiled": 1,

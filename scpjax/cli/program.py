@@ -37,8 +37,11 @@ def start() -> None:
         os.environ["XLA_FLAGS"] = f"{flags} {LOOPS}".strip()
     import jax
 
+    from scpjax.kept import keep_in
+
     jax.config.update("jax_enable_x64", True)
     folder = cache_folder()
+    keep_in(folder)
     if folder is None or getattr(jax.config, "jax_compilation_cache_dir", None):
         return
     with contextlib.suppress(OSError):
