@@ -48,13 +48,13 @@ def keep_in(folder: Path | None) -> None:
 
 
 def kept(function: Callable[..., Any], args: tuple[Any, ...], options: Callable[[], Mapping[str, Any]]) -> _Run | None:
-    """What runs a function on arrays (those among ``args``, in order), loaded or compiled and kept; None where programs
+    """What runs a function on arrays (those among ``args``, in order), loaded or traced and kept; None where programs
     are not kept, or not such ones.
     """
     if _folder is None or jax.default_backend() != "cpu":
         return None
     leaves, tree = jax.tree.flatten(args)
-    key = (function, tree, tuple(jax.typeof(x) if is_array(x) else x for x in leaves))
+    key = (function, tree, tuple(jax.typeof(x) if is_array(x) else (type(x), x) for x in leaves))
     try:
         if key in _loaded:
             return _loaded[key]

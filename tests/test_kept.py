@@ -75,6 +75,7 @@ def test_nothing_is_traced_twice_and_the_results_are_the_same(folder):
         (np.ones(4), {"by": 2.0, "name": "a"}),
         (np.ones(3, np.float32), {"by": 2.0, "name": "a"}),
         (np.ones(3), {"name": "a", "by": 2.0, "more": 0}),
+        (np.ones(3), {"name": "a", "by": 2}),
     ],
 )
 def test_another_constant_or_shape_is_another_program(folder, x, options):
