@@ -98,6 +98,31 @@ def outliers(setup: Setup, data: Data, trial: Trial, *, threshold: float = 6.0, 
     return weights
 
 
+def _without_wild(setup: Setup, data: Data, judge: Trial, trial: Trial, robust: float) -> tuple[Trial, Data]:
+    """What is wild beside one trial left out, and a fit to the rest; the other trial where nothing is."""
+    kept = data.with_weights(outliers(setup, data, judge))
+    if np.array_equal(np.asarray(kept.weights), np.asarray(data.weights)):
+        return trial, data
+    return refine(setup, kept, judge, robust=robust)[0], kept
+
+
+_UNBENT = 3.0  # standard deviations from which samples pull a fit no harder the farther they are
+_FEW, _TO_NOISE = 0.01, 1.05  # share of the samples; mean square, in units of the noise's, without them
+
+
+def _few_make_it(setup: Setup, data: Data, trial: Trial) -> bool:
+    """Whether the misfit of some column is that of its few worst samples."""
+    square = (np.asarray(outputs_of(trial, data, setup.space)) - np.asarray(data.outputs)) ** 2 / np.asarray(
+        data.sigma
+    ) ** 2
+    for j in range(square.shape[2]):
+        x = np.sort(square[..., j][np.asarray(data.weights)[..., j] > 0])
+        most = len(x) - int(np.ceil(_FEW * len(x)))
+        if most > 0 and np.mean(x) > _TO_NOISE > np.mean(x[:most]):
+            return True
+    return False
+
+
 def settle(
     setup: Setup,
     trial: Trial,
@@ -120,11 +145,13 @@ def settle(
         trial, _, _ = refine(setup, data, trial, robust=robust)
         notes.append(f"the drive changed during {len(gaps)} gaps in the sampling; when, was estimated beside the fit")
     if drop_outliers:
-        weights = outliers(setup, data, trial)
-        dropped = int(np.sum(weights != np.asarray(data.weights)))
+        trial, kept = _without_wild(setup, data, trial, trial, robust)
+        if _few_make_it(setup, kept, trial):  # they may have bent the fit until they stood out no more
+            unbent, _, _ = refine(setup, kept, trial, robust=_UNBENT)
+            trial, kept = _without_wild(setup, kept, unbent, trial, robust)
+        dropped = int(np.sum(np.asarray(kept.weights) != np.asarray(data.weights)))
         if dropped:
-            data = data.with_weights(weights)
-            trial, _, _ = refine(setup, data, trial, robust=robust)
+            data = kept
             notes.append(f"{dropped} isolated wild samples were left out")
     return trial, data, tuple(notes)
 
