@@ -128,7 +128,10 @@ def _chosen(
         choice = search(base, parts, enough=lambda first: some and bool(_wild(first, parts).any()))
         wild = _wild(choice.state, parts) if some and choice.state.names else np.zeros(())
         if wild.any():
-            notes = (*notes, f"{wild.sum()} more were, seen beside {choice.state.names[0]}")
+            notes = (
+                *notes,
+                f"{wild.sum()} more were, which stood out beside {choice.state.names[0]}, the first name tried",
+            )
             parts = parts.with_weights(np.where(wild, 0.0, parts.whole.weights))
             trial, _, _ = refine(base.setup, parts.train, base.trial)
             base = _state(base.setup, parts, trial)
