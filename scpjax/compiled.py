@@ -22,7 +22,8 @@ def quickly_compiled(function: _Function) -> _Function:
     """`equinox.filter_jit` of a program that is called from Python, with what XLA offers to compile a scan quickly.
 
     A scan over thousands of steps of small arrays takes longer to compile than to run; these options take a third or
-    more off the first and leave the second as it is (``python benchmarks/compile.py``).
+    more off the first and leave the second as it is (``python benchmarks/compile.py``). The command line keeps what
+    was traced between calls (`scpjax.kept`).
     """
 
     @cache

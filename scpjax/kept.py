@@ -33,7 +33,7 @@ from jax.export import Exported, deserialize, export
 
 _Run = Callable[[Sequence[Any]], Any]
 
-_BELOW = ("jax", "jaxlib", "numpy", "equinox", "optimistix", "lineax", "jaxtyping")
+_BELOW = ("jax", "jaxlib", "numpy", "equinox", "optimistix", "lineax", "diffrax", "jaxtyping")
 _KNOWN = frozenset({"scpjax", *_BELOW, *sys.stdlib_module_names})
 _DAYS = 30.0  # that programs of another version are kept for
 _folder: Path | None = None

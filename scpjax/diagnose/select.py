@@ -246,7 +246,7 @@ def _by_another_way(
         if at_noise(leader.state, split):
             break
     strongest = next((c.added for c in first.accepted if c.added in leader.state.names), None)
-    return leader if strongest is None else replace(leader, state=in_order(leader.state, strongest))
+    return leader if strongest is None else replace(leader, state=in_order(leader.state, strongest, split))
 
 
 def prune(state: State, split: Split, rules: Evidence) -> State:

@@ -112,9 +112,8 @@ _FEW, _TO_NOISE = 0.01, 1.05  # share of the samples; mean square, in units of t
 
 def _few_make_it(setup: Setup, data: Data, trial: Trial) -> bool:
     """Whether the misfit of some column is that of its few worst samples."""
-    square = (np.asarray(outputs_of(trial, data, setup.space)) - np.asarray(data.outputs)) ** 2 / np.asarray(
-        data.sigma
-    ) ** 2
+    error = np.asarray(outputs_of(trial, data, setup.space)) - np.asarray(data.outputs)
+    square = (error / np.asarray(data.sigma)) ** 2
     for j in range(square.shape[2]):
         x = np.sort(square[..., j][np.asarray(data.weights)[..., j] > 0])
         most = len(x) - int(np.ceil(_FEW * len(x)))

@@ -44,7 +44,9 @@ def played(monkeypatch, misfits: dict[str, float]) -> list[tuple[str, ...]]:
     monkeypatch.setattr(select, "at_noise", lambda state, split, level=1.0: state.cost <= 1)
     monkeypatch.setattr(select, "is_better", lambda a, b, split, rules: a.cost < b.cost)
     monkeypatch.setattr(select, "ahead", lambda a, b, split, rules: b.cost - a.cost)
-    monkeypatch.setattr(select, "in_order", lambda s, first: Played((first, *sorted({*s.names} - {first})), s.cost))
+    monkeypatch.setattr(
+        select, "in_order", lambda s, first, split: Played((first, *sorted({*s.names} - {first})), s.cost)
+    )
     return asked
 
 
