@@ -12,13 +12,13 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from fits.concealed.drives import Family
-from fits.concealed.effects.registry import CATALOGUE, EFFECTS, OUTSIDE
+from fits.concealed.effects.registry import CATALOGUE, EFFECTS, FOREIGN, OUTSIDE
 from fits.concealed.plants import KINDS, Kind
 from fits.concealed.recorder import LEVELS, Level, Mess
 
 Card = TypeVar("Card")
-Sort = Literal["single", "pair", "triple", "null", "outside"]
-SORTS: tuple[Sort, ...] = ("single", "pair", "triple", "null", "outside")
+Sort = Literal["single", "pair", "triple", "null", "outside", "foreign"]
+SORTS: tuple[Sort, ...] = ("single", "pair", "triple", "null", "outside", "foreign")
 Tier = Literal["none", "weak", "moderate", "strong"]
 TIERS: dict[Tier, tuple[float, float]] = {"weak": (1.25, 2.9), "moderate": (3.3, 8.0), "strong": (9.0, 25.0)}
 SEEDS = 5
@@ -82,7 +82,7 @@ def seen() -> frozenset[str]:
 
 def plan() -> list[Case]:
     """Every case, in order."""
-    return [*_singles(), *_several(2), *_several(3), *_nulls(), *_outside()]
+    return [*_singles(), *_several(2), *_several(3), *_nulls(), *_outside(), *_foreign()]
 
 
 class _Decks:
@@ -181,4 +181,18 @@ def _outside() -> list[Case]:
             level, files = decks.deal(LEVELS[:2], "level"), decks.deal(range(len(FILES)), "files")
             inside = seed == 1 + i % 2 and i % 2 == 0
             out.append(Case("outside", ((effect, law),), kind, tier, level, seed, files, (), inside))
+    return out
+
+
+def _foreign() -> list[Case]:
+    """Single effects under laws that the library does not hold: moderate and strong by turns."""
+    out = []
+    for i, effect in enumerate(FOREIGN):
+        decks = _Decks(200 + i)
+        for seed in range(1, SEEDS + 1):
+            for law, kinds in FOREIGN[effect].laws.items():
+                kind = decks.deal(kinds, "kind")
+                tier: Tier = "strong" if (seed + i) % 2 else "moderate"
+                level, files = decks.deal(LEVELS[:2], "level"), decks.deal(range(len(FILES)), "files")
+                out.append(Case("foreign", ((effect, law),), kind, tier, level, seed, files))
     return out

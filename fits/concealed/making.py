@@ -12,7 +12,7 @@ import numpy as np
 from fits.concealed.cases import FILES, TIERS, Case
 from fits.concealed.drives import draw_drive
 from fits.concealed.effect import Effect
-from fits.concealed.effects.registry import EFFECTS
+from fits.concealed.effects.registry import kind_of
 from fits.concealed.plants import FULL_DRIVE, Plant, draw_plant
 from fits.concealed.recorder import columns, record
 from fits.concealed.strength import BaseFit, base_fit, calibrate
@@ -33,7 +33,7 @@ class Maker:
         sides = self.plant.sides
         self.given = [(f, draw_drive(f, sides, self.period, self.rng)) for f in given]
         self.kept = [(f, draw_drive(f, sides, self.period, self.rng)) for f in kept]
-        self.effects: list[Effect] = [EFFECTS[name](law, self.plant, self.rng) for name, law in case.effects]
+        self.effects: list[Effect] = [kind_of(name, law)(law, self.plant, self.rng) for name, law in case.effects]
         self.columns = columns(self.plant, case.level)
         self.alone: dict[str, float] = {}
         low, high = TIERS.get(case.tier, (1.0, 1.0))

@@ -57,7 +57,7 @@ def goals(scores: Sequence[Score]) -> list[Goal]:
         return s.outcome in GOOD
 
     def named_and_judged(s: Score) -> bool:
-        return s.sort in ("single", "pair", "triple") and good(s) and math.isfinite(s.kept)
+        return s.sort in ("single", "foreign", "pair", "triple") and good(s) and math.isfinite(s.kept)
 
     def seen(sort: str) -> Callable[[Score], bool]:
         return lambda s: s.sort == sort and s.tier in SEEN
@@ -70,6 +70,7 @@ def goals(scores: Sequence[Score]) -> list[Goal]:
             lambda s: s.sort == "single" and s.tier == "weak",
             lambda s: s.outcome in HARMLESS,
         ),
+        one("single effects under foreign laws, moderate or strong: named, nothing else", 0.90, seen("foreign"), good),
         one("pairs: both named, nothing else", 0.90, seen("pair"), good),
         one("triples: all three named, nothing else", 0.75, seen("triple"), good),
         one(
@@ -123,7 +124,7 @@ def by_verdict(scores: Iterable[Score]) -> dict[str, tuple[int, int]]:
 
 def confusion(scores: Sequence[Score]) -> tuple[list[str], list[str], np.ndarray]:
     """(effects, what was said, counts) of single effects and of those outside the catalogue."""
-    chosen = [s for s in scores if s.sort in ("single", "outside", "null")]
+    chosen = [s for s in scores if s.sort in ("single", "foreign", "outside", "null")]
     effects = list(dict.fromkeys(s.effects[0] if s.effects else "nothing" for s in chosen))
     said = [_said(s) for s in chosen]
     order = [e for e in effects if e in said and e not in _SILENT]

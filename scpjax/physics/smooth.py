@@ -1,4 +1,4 @@
-"""Smooth stand-ins for kinks, each exactly zero at zero: made of square roots, which cost little in a long loop."""
+"""Smooth stand-ins for kinks and steps, each exactly zero at zero; kinks by square roots, which cost little in a loop."""
 
 from __future__ import annotations
 
@@ -26,6 +26,5 @@ def ramp(x: Array, corner: Array, width: Array) -> Array:
 
 
 def rise(x: Array, corner: Array, width: Array) -> Array:
-    """From 0 to 1 about the corner, half of it within 0.6 ``width``; less its value at x = 0."""
-    past, square = x - corner, width * width
-    return 0.5 * (past / root(past * past + square) + corner / root(corner * corner + square))
+    """From 0 to 1 about the corner, half of it within 0.55 ``width`` to either side; less its value at x = 0."""
+    return 0.5 * (jnp.tanh((x - corner) / width) + jnp.tanh(corner / width))

@@ -12,7 +12,7 @@ from scipy import signal
 from fits.concealed import generate
 from fits.concealed.cases import Case, plan
 from fits.concealed.drives import FAMILIES, draw_drive
-from fits.concealed.effects.registry import CATALOGUE, EFFECTS, OUTSIDE
+from fits.concealed.effects.registry import CATALOGUE, EFFECTS, FOREIGN, OUTSIDE, kind_of
 from fits.concealed.making import make
 from fits.concealed.plants import KINDS, Plant, draw_plant
 from fits.concealed.recorder import LEVELS, columns
@@ -39,7 +39,7 @@ def steps(sides=1, *levels) -> np.ndarray:
 
 
 def effect(name, law, p, strength):
-    made = EFFECTS[name](law, p, np.random.default_rng(5))
+    made = kind_of(name, law)(law, p, np.random.default_rng(5))
     made.strength = strength
     return made
 
@@ -87,10 +87,11 @@ def test_a_warm_start_is_where_the_drive_before_led():
     assert np.allclose(found, whole[100:], rtol=1e-6, atol=[1e-5, 1e-9])
 
 
-@pytest.mark.parametrize("name", sorted(EFFECTS))
-def test_no_effect_at_no_strength(name):
+@pytest.mark.parametrize("which", [*EFFECTS.values(), *FOREIGN.values()], ids=lambda c: c.__name__)
+def test_no_effect_at_no_strength(which):
     """At (nearly) no strength the readings are those of the base equations; at some they are not."""
-    for law, kinds in EFFECTS[name].laws.items():
+    name = which.name
+    for law, kinds in which.laws.items():
         p = plant("full" if "full" in kinds else kinds[0])
         volts = steps(p.sides, 0.0, 3.7, 3.7, 3.7, 1.0)
         if p.sides == 2:
@@ -194,7 +195,12 @@ def test_the_plan_is_what_was_asked():
         assert {law for c in mine for _, law in c.effects} == set(EFFECTS[name].laws)
     for case in cases:
         for name, law in case.effects:
-            assert case.kind in EFFECTS[name].laws[law]
+            assert case.kind in kind_of(name, law).laws[law]
+    foreign = [c for c in cases if c.sort == "foreign"]
+    assert {c.effects[0][0] for c in foreign} == NAMES == set(FOREIGN)
+    for name in FOREIGN:
+        assert not set(FOREIGN[name].laws) & set(EFFECTS[name].laws)
+        assert issubclass(FOREIGN[name], EFFECTS[name])
     nulls = [c for c in cases if c.sort == "null"]
     assert len(nulls) >= 50
     assert {m for c in nulls for m in c.mess} == {"warm", "skipped", "outliers"}

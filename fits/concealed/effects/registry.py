@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fits.concealed.effect import Effect
-from fits.concealed.effects import elastic, electric, memory, outside, sensing, thermal
+from fits.concealed.effects import elastic, electric, foreign, memory, outside, sensing, thermal
 
 
 def _of(module: object) -> list[type[Effect]]:
@@ -16,3 +16,10 @@ EFFECTS: dict[str, type[Effect]] = {
 }
 CATALOGUE = tuple(n for n, c in EFFECTS.items() if c.catalogue)
 OUTSIDE = tuple(n for n, c in EFFECTS.items() if not c.catalogue)
+FOREIGN: dict[str, type[Effect]] = {c.name: c for c in _of(foreign)}
+"""The same effects under laws that the library does not hold."""
+
+
+def kind_of(name: str, law: str) -> type[Effect]:
+    """The effect that has this law."""
+    return FOREIGN[name] if name in FOREIGN and law in FOREIGN[name].laws else EFFECTS[name]

@@ -15,11 +15,12 @@ class ThermalSoftening(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "law linear: F = -k x (1 - a T/T_ref);  law glass transition: F = -k x (1 - a s(T)), "
-        "s from 0 to 1 about T_g over the width w;  law exponential: F = -k x exp(-a T/T_ref)"
+        "s = (1 + tanh((T - T_g)/w))/2 less what that is at T = 0;  law exponential: F = -k x exp(-a T/T_ref)"
     )
     source = (
         "modulus of nylon against temperature, halved through its glass transition at 40 to 60 degC: "
-        "Ward, Sweeney, Mechanical Properties of Solid Polymers, ch. 5 and 7"
+        "Ward, Sweeney, Mechanical Properties of Solid Polymers, ch. 5 and 7; hyperbolic tangent through a transition: "
+        "Gibson, Wu, Evans, Mouritz, J. Compos. Mater. 40 (2006) 639"
     )
     says = "Warm polymer is softer than cold polymer, so the coil's stiffness falls as it heats."
     needs = ("mechanical",)
