@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
-import jax
 import numpy as np
 
+from scpjax.cli.program import start
 from scpjax.diagnose.diagnose import diagnose
 from scpjax.diagnose.result import Diagnosis
 from scpjax.errors import ScpjaxError
@@ -77,7 +77,7 @@ def main(name: str, about: str, work: Work, argv: Sequence[str] | None = None) -
     )
     given = parser.parse_args(argv)
     folder = find(given.data, name)
-    jax.config.update("jax_enable_x64", True)
+    start()
     try:
         rows, panels = work(folder, given)
     except ScpjaxError as error:

@@ -23,8 +23,12 @@ from scpjax.fit.data import Data
 from scpjax.fit.fit import final_model, noise_by_column, refine, scores, traces
 from scpjax.fit.identifiability import estimates, uncertainty
 from scpjax.fit.problem import Trial
+from scpjax.physics.catalogue import mechanism
 
 _MOST = 0.5  # held-out gain from which a closure says where the misfit lies
+
+FREE = "free form"
+"""What the law of a mechanism that goes by a learned curve is called."""
 
 TRUSTED: dict[Verdict, float] = {"explained": (45 + 1) / (46 + 2), "adequate": 1.0, "unexplained": (12 + 1) / (13 + 2)}
 """By verdict, how often a name is right of which the evidence alone is certain: the counts in ``docs/concealed.md`` by
@@ -53,14 +57,15 @@ def answer(
     base_final, _ = _final(parts, base)
     doubt = uncertainty(final, final_data, problem.space, coloured=final_data is parts.whole)
     every = estimates(final, problem.space, doubt)
-    named = _named(choice, every)
+    named = _named(choice, every) + _by_curve(choice, learned, every)
     fitted, closure = final_model(problem, final), None
     if isinstance(learned, Curve):
         closure = draw(learned, every, fitted.values(), doubt)
     elif learned is not None:
         closure = describe(learned, every, fitted.values())
     subsystem = _subsystem(choice, closure, lacking)
-    verdict, says = _verdict(base, choice.state, state, parts, named, closure)
+    left = level(replace(state, residual=residual_on(final, parts.whole, problem)), parts)
+    verdict, says = _verdict(base, choice.state, state, parts, named, closure, left)
     named = tuple(replace(m, probability=m.probability * TRUSTED[verdict]) for m in named)
     model = " + ".join((setup.structure.name, *choice.state.names, *(["closure"] if learned else [])))
     return Diagnosis(
@@ -146,6 +151,28 @@ def _named(choice: Choice, every: Mapping) -> tuple[Named, ...]:
     return tuple(out)
 
 
+def _by_curve(choice: Choice, learned: Learned | Curve | None, every: Mapping) -> tuple[Named, ...]:
+    """The mechanism that a learned curve is."""
+    if not choice.free:
+        return ()
+    assert isinstance(learned, Curve)
+    m, curve = mechanism(choice.free), mechanism(learned.mechanism)
+    return (
+        Named(
+            name=m.name,
+            title=m.title,
+            subsystem=m.subsystem,
+            law=FREE,
+            probability=choice.probability[m.name],
+            parameters={k.split(".")[1]: every[k] for k in learned.keys},
+            equivalents=choice.equivalents[m.name],
+            says=m.says,
+            equation=f"{curve.equation}; here f s(w) = {learned.form.name}",
+            source=curve.source,
+        ),
+    )
+
+
 def _nearest(choice: Choice) -> tuple[str, ...]:
     """A note on the names that were given up."""
     names, left = choice.given_up
@@ -159,6 +186,8 @@ def _subsystem(choice: Choice, closure: Closure | None, lacking: Sequence[Latent
     """The balance of the mechanism that removes most; without one, that which best answers for the misfit, among those
     that a closure stands for, if one was learned that explains most of it.
     """
+    if choice.free:
+        return mechanism(choice.free).subsystem
     if choice.state.names:
         return choice.state.setup.structure.mechanism(choice.state.names[0]).subsystem
     if closure is None or closure.held_out_gain < _MOST:
@@ -169,15 +198,27 @@ def _subsystem(choice: Choice, closure: Closure | None, lacking: Sequence[Latent
 
 
 def _verdict(
-    base: State, state: State, final: State, parts: Split, named: tuple[Named, ...], closure: Closure | None
+    base: State,
+    state: State,
+    final: State,
+    parts: Split,
+    named: tuple[Named, ...],
+    closure: Closure | None,
+    left: float,
 ) -> tuple[Verdict, str]:
-    """``state`` holds what is named, ``final`` the closure as well, if there is one."""
+    """``state`` holds what is named, ``final`` the closure as well, if there is one; ``left`` is the misfit in units of
+    the noise when that is fitted to all data."""
     ratio = level(state, parts)
     names = " and ".join(m.title[0].lower() + m.title[1:] for m in named)
     as_well = f" ({' or '.join(closure.equivalents)} would do as well here)" if closure and closure.equivalents else ""
     learned = f" Learned in its place: {closure.expression}{as_well}." if closure else ""
     if not named and ratio <= AT_NOISE:
         return "adequate", "Nothing is missing: at this noise the base model explains the recordings."
+    if closure and not state.names and named:
+        said = f"Left out of the base model: {names}, by a law that the catalogue does not hold: {closure.expression}"
+        if left <= AT_NOISE:
+            return "explained", f"{said}. With it the misfit is down to the noise."
+        return "unexplained", f"{said}; but the misfit is still {left:.1f} times the noise."
     if not named:
         return (
             "unexplained",

@@ -6,7 +6,7 @@ all base parameters, with few pieces and with many, and judged on stretches held
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import jax
@@ -74,25 +74,47 @@ def bend(state: State, split: Split, rules: Evidence, subsystems: Sequence[str] 
     ``subsystems``: where it may stand; anywhere when none is given. The best with few pieces is given more if they
     predict the held-out stretches better.
     """
+    return best_of(curves(state, split, rules, subsystems), state, split, rules)
+
+
+def curves(
+    state: State,
+    split: Split,
+    rules: Evidence,
+    subsystems: Sequence[str] = (),
+    *,
+    allowed: Callable[[Form], bool] = lambda form: True,
+) -> list[Curve]:
+    """The curves with evidence for them beyond ``state``, with few pieces; of every balance the forms ``allowed`` that
+    promise most.
+    """
     s = state.setup.structure
     if s.system:
-        return None
+        return []
     there = {"thermal": s.thermal, "mechanical": s.mechanical}
     able = [m for m in map(mechanism, CURVES) if all(there[need] for need in m.needs)]
     found: list[Curve] = []
     for m in [m for m in able if m.subsystem in subsystems] or able:
         make_room()
-        found += _of(m, state, split, rules)
-    accepted = [c for c in found if c.evidence.accepted and _stands(c, split)]
-    if not accepted:
+        found += _of(m, state, split, rules, allowed)
+    return [c for c in found if c.evidence.accepted and _stands(c, split)]
+
+
+def best_of(found: Sequence[Curve], state: State, split: Split, rules: Evidence) -> Curve | None:
+    """The one of some curves beyond ``state`` that predicts best, with more pieces where that is better still, and
+    those that predict the same; None of none.
+    """
+    if not found:
         return None
-    best = max(accepted, key=lambda c: c.evidence.held_out_gain)
-    alike = tuple(c for c in accepted if c is not best and are_alike(c.state, best.state, split))
+    best = max(found, key=lambda c: c.evidence.held_out_gain)
+    alike = tuple(c for c in found if c is not best and are_alike(c.state, best.state, split))
     return replace(_finer(best, state, split, rules), alike=alike)
 
 
 def ranges(state: State, split: Split) -> dict[str, float]:
-    """Lowest and highest value of every variable in the simulated recordings, 0 among them, with a margin."""
+    """Lowest and highest value of every variable where the simulation was fitted, 0 among them, with a margin: the
+    weight of a piece of the curve beyond that would be anything.
+    """
     model, local = unpack(state.trial.free, state.trial, state.setup.space)
     data, sides = split.whole, len(model.structure.sides)
     names = model.structure.state_names
@@ -102,6 +124,9 @@ def ranges(state: State, split: Split) -> dict[str, float]:
         return node_states(model, grid, z0, order=data.order)
 
     states, efforts = jax.jit(jax.vmap(one))(data.grids, jnp.asarray(data.start_effort), local)
+    fitted = np.asarray(split.train.weights).sum(axis=2) > 0
+    nodes = [np.asarray(at)[mine] for at, mine in zip(np.asarray(data.grids.at), fitted, strict=True)]
+    states, efforts = (np.concatenate([np.asarray(x)[i, at] for i, at in enumerate(nodes)]) for x in (states, efforts))
     seen = {v: np.zeros(1) for v in VARIABLES}
     if model.structure.thermal:
         seen["temperature"] = np.asarray(states[..., :sides])
@@ -120,14 +145,17 @@ def ranges(state: State, split: Split) -> dict[str, float]:
     return out
 
 
-def _of(m: Mechanism, state: State, split: Split, rules: Evidence) -> list[Curve]:
+def _of(m: Mechanism, state: State, split: Split, rules: Evidence, allowed: Callable[[Form], bool]) -> list[Curve]:
     """The forms of a balance that promise most, fitted with few pieces."""
+    forms: tuple[Form, ...] = m.forms  # pyright: ignore[reportAttributeAccessIssue]
+    laws = [law for law in range(0, len(m.laws), len(PIECES)) if allowed(form_of(forms, law)[0])]
+    if not laws:
+        return []
     problem = grown(state.setup, m)
     fixed = problem.fixed.copy()
     for name, value in ranges(state, split).items():
         fixed[problem.structure.index[f"{m.name}.{name}"]] = value
     problem = replace(problem, fixed=fixed)
-    laws = range(0, len(m.laws), len(PIECES))
     trials = [_trial(problem, state, m, law) for law in laws]
     left = _left(problem, split, trials, m)
     chosen = sorted(left, key=left.__getitem__)[:_TRIED]

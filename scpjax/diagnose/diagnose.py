@@ -10,12 +10,14 @@ from functools import partial
 import numpy as np
 
 from scpjax.diagnose.answer import answer
+from scpjax.diagnose.curve import Curve
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.exchange import exchanged
+from scpjax.diagnose.free import Free, free_law
 from scpjax.diagnose.holdout import Split, split
 from scpjax.diagnose.latent import missing
 from scpjax.diagnose.locate import observe
-from scpjax.diagnose.outside import AT_NOISE, able, beyond_names, level
+from scpjax.diagnose.outside import AT_NOISE, able, beyond_names, form_rather_than_name, level
 from scpjax.diagnose.profiles import Limits
 from scpjax.diagnose.result import Diagnosis
 from scpjax.diagnose.rivals import Outcome, next_experiment
@@ -75,13 +77,14 @@ def diagnose(
     catalogue = grown(setup, *candidates)
     tell("fitting the base model", 0.05)
     parts, base, notes = _base(setup)
-    parts, base, choice, notes = _chosen(parts, base, catalogue, options, tell, notes)
+    parts, base, choice, learned, notes = _chosen(parts, base, catalogue, options, tell, notes)
     binned = observe(setup, parts.whole, base.trial, base.residual)
     lacking = missing(setup, parts.whole, base.trial, binned)
-    learned = None
-    if level(choice.state, parts) > AT_NOISE:
+    if learned is None and level(choice.state, parts) > AT_NOISE:
         tell("learning what the catalogue does not hold", 0.75)
         choice, learned = beyond_names(parts, base, choice, options.evidence, able(lacking))
+    elif learned is None:
+        choice, learned = form_rather_than_name(parts, base, choice, options.evidence)
     tell("fitting the chosen model to all data", 0.85)
     found = answer(
         parts,
@@ -113,37 +116,54 @@ def _base(setup: Setup) -> tuple[Split, State, tuple[str, ...]]:
 
 def _chosen(
     parts: Split, base: State, catalogue: Setup, options: DiagnoseOptions, tell: Progress, notes: tuple[str, ...]
-) -> tuple[Split, State, Choice, tuple[str, ...]]:
-    """What is named, and the notes; the data with jumps inside gaps timed by the better model, and the base on them.
+) -> tuple[Split, State, Choice, Curve | None, tuple[str, ...]]:
+    """What is named, the curve where it goes by one, and the notes; the data with jumps inside gaps timed by the better
+    model, and the base on them.
 
     Where there were wild samples, those that a strong misfit had concealed are left out once the first name is there.
     """
     if base.setup.structure.system:
         choice = choose_together(base, parts, options.evidence, catalogue, progress=tell)
-    else:
-        search = partial(
-            choose, rules=options.evidence, catalogue=catalogue, max_steps=options.max_steps, progress=tell
+        return *_settled(parts, base, choice), None, notes
+    search = partial(choose, rules=options.evidence, catalogue=catalogue, max_steps=options.max_steps, progress=tell)
+    free: Free | None = None
+
+    def by_curve(rival: State) -> bool:
+        """Whether one mechanism under a law of its own does better."""
+        nonlocal free
+        tell("each mechanism under a law of its own", 0.3)
+        free = free_law(base, rival, parts, options.evidence)
+        return free is not None
+
+    some = bool(np.any(np.asarray(parts.whole.weights) != np.asarray(base.setup.data.weights)))
+    choice = search(base, parts, enough=lambda first: (some and bool(_wild(first, parts).any())) or by_curve(first))
+    wild = _wild(choice.state, parts) if some and choice.state.names else np.zeros(())
+    if wild.any():
+        notes = (
+            *notes,
+            f"{wild.sum()} more were, which stood out beside {choice.state.names[0]}, the first name tried",
         )
-        some = bool(np.any(np.asarray(parts.whole.weights) != np.asarray(base.setup.data.weights)))
-        choice = search(base, parts, enough=lambda first: some and bool(_wild(first, parts).any()))
-        wild = _wild(choice.state, parts) if some and choice.state.names else np.zeros(())
-        if wild.any():
-            notes = (
-                *notes,
-                f"{wild.sum()} more were, which stood out beside {choice.state.names[0]}, the first name tried",
-            )
-            parts = parts.with_weights(np.where(wild, 0.0, parts.whole.weights))
-            trial, _, _ = refine(base.setup, parts.train, base.trial)
-            base = _state(base.setup, parts, trial)
-            choice = search(base, parts)
-        tell("each name against what could stand in its place", 0.7)
-        choice = exchanged(choice, base, parts, options.evidence, catalogue)
+        parts = parts.with_weights(np.where(wild, 0.0, parts.whole.weights))
+        trial, _, _ = refine(base.setup, parts.train, base.trial)
+        base, free = _state(base.setup, parts, trial), None
+        choice = search(base, parts, enough=by_curve)
+    if free is None and not choice.state.names and level(base, parts) > AT_NOISE:
+        by_curve(base)
+    if free is not None:
+        return parts, base, free.choice(base, choice), free.curve, notes
+    tell("each name against what could stand in its place", 0.7)
+    choice = exchanged(choice, base, parts, options.evidence, catalogue)
+    return *_settled(parts, base, choice), None, notes
+
+
+def _settled(parts: Split, base: State, choice: Choice) -> tuple[Split, State, Choice]:
+    """Jumps inside gaps timed by the model of what is named."""
     if not choice.state.names:
-        return parts, base, choice, notes
+        return parts, base, choice
     problem = choice.state.setup
     again, data, _ = settle(problem, choice.state.trial, parts.train, drop_outliers=False)
     parts = _with_effort(parts, data)
-    return parts, base, replace(choice, state=_state(problem, parts, again)), notes
+    return parts, base, replace(choice, state=_state(problem, parts, again))
 
 
 def _wild(state: State, parts: Split) -> np.ndarray:

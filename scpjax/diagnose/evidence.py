@@ -70,9 +70,27 @@ def compare(before: State, after: State, added: str, law: str, split: Split, rul
             removed = max(removed, (a - b) / (a - floor))
     gain = 1.0 - np.sqrt(held[1] / max(held[0], 1e-300))
     accepted = delta_bic > rules.bic and excess_gain > rules.held_out and gain > 0 and removed > rules.share
+    accepted = accepted and not at_its_least(after, added)
     return Comparison(
         after, added, law, float(delta_bic), float(gain), float(excess_gain), float(removed), bool(accepted)
     )
+
+
+def at_its_least(state: State, name: str) -> bool:
+    """Whether all that makes up the strength of a mechanism was fitted to the least that counts as one: the data would
+    have less of it, and what it gained came with it by the way. False of what is no mechanism of the hypothesis.
+    """
+    if name not in state.names:
+        return False
+    structure = state.setup.structure
+    m = structure.mechanism(name)
+    free = m.free_parameters(m.laws.index(state.laws[name]))
+    strengths = [p for p in free if p.null is not None and p.null < p.bounds[0]]
+    value = {p.name: float(state.values[structure.index[f"{name}.{p.name}"]]) for p in strengths}
+    return bool(strengths) and all(value[p.name] < _LEAST * p.bounds[0] for p in strengths)
+
+
+_LEAST = 1.05  # of the lower bound of a strength, up to which it is at it
 
 
 def ahead(a: State, b: State, split: Split, rules: Evidence) -> float:

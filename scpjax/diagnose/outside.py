@@ -8,7 +8,7 @@ import numpy as np
 
 from scpjax.diagnose.closure import Learned, learn
 from scpjax.diagnose.curve import Curve, bend
-from scpjax.diagnose.evidence import Evidence
+from scpjax.diagnose.evidence import Evidence, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Latent
 from scpjax.diagnose.select import Choice
@@ -92,6 +92,18 @@ def beyond_names(
     if better or (left > allowed * whole and level(choice.state, parts) > _CLEARLY):
         return Choice(base, choice.ranking, {}, {}, given_up=(choice.state.names, left / whole)), alone
     return choice, closure(choice.state, parts, rules)
+
+
+def form_rather_than_name(
+    parts: Split, base: State, choice: Choice, rules: Evidence
+) -> tuple[Choice, Learned | Curve | None]:
+    """What is to be said when the names reach the noise: a last name that came where little was left is false if a
+    correction of the form of the others' laws has more evidence in its place and predicts better.
+    """
+    fewer, corrected = _corrected_rather_than_named(parts, base, choice, rules)
+    if corrected is None or not is_better(corrected.state, choice.state, parts, rules):
+        return choice, None
+    return fewer, corrected
 
 
 def balance_of(subsystem: str) -> str:

@@ -82,6 +82,7 @@ class Choice:
     """How it ended: the hypothesis chosen, all that was tried, and what could stand in for what.
 
     ``given_up``: names that came nearest and are none, and the share of the held-out misfit that they left.
+    ``free``: the name of a mechanism that a learned curve is, which the hypothesis does not hold.
     """
 
     state: State
@@ -89,6 +90,7 @@ class Choice:
     probability: dict[str, float]
     equivalents: dict[str, tuple[str, ...]]
     given_up: tuple[tuple[str, ...], float] = ((), 0.0)
+    free: str = ""
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 ``s(w) = sum_k c_k (B(n z - k) - B(n z_0 - k))`` with z from 0 to 1 over the range that was seen, z_0 where w is 0, B
 the cardinal cubic B-spline and n the number of pieces (de Boor, A Practical Guide to Splines, 2001, ch. IX); s is 0 at
-rest, and beyond the range stays as it was at its end.
+rest, and beyond the range goes on straight for `BEYOND` of it, then stays as it is.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from scpjax.physics.mechanism import Mechanism, Side, Values, View
 PIECES = (3, 6)
 """Numbers of pieces between which the recordings choose."""
 _MOST = max(PIECES) + 2
+BEYOND = 0.5
+"""Of the range, for which a curve goes on beyond its ends."""
 WEIGHTS = tuple(f"c{k + 1}" for k in range(_MOST))
 
 VARIABLES = ("temperature", "displacement", "velocity", "effort")
@@ -32,12 +34,14 @@ UNITS = {"temperature": "K", "displacement": "m", "velocity": "m/s", "effort": "
 class Form:
     """``factor`` s(``variable``), by their names in `VARIABLES`; a factor of "" is 1.
 
-    ``of``: of what, where a mechanism has curves of several: which sensor, or the store.
+    ``of``: of what, where a mechanism has curves of several: which sensor, or the store. ``names``: mechanisms of the
+    catalogue that such a term is, whatever its curve; more than one where no curve tells them apart.
     """
 
     factor: str
     variable: str
     of: str = ""
+    names: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -110,13 +114,18 @@ def _bell(t: ArrayLike) -> Array:
     return (jnp.maximum(2.0 - a, 0.0) ** 3 - 4.0 * jnp.maximum(1.0 - a, 0.0) ** 3) / 6.0
 
 
+def _slope(t: ArrayLike) -> Array:
+    a = jnp.abs(t)
+    return jnp.sign(t) * (2.0 * jnp.maximum(1.0 - a, 0.0) ** 2 - 0.5 * jnp.maximum(2.0 - a, 0.0) ** 2)
+
+
 def product(forms: tuple[Form, ...], p: Values, view: View, of: str = "") -> Side:
     """Dimensionless ``factor s(variable)`` of the law in force; 0 where its form is of something else."""
     places, zeros, factors, mine = [], [], [], []
     for f in forms:
         low, high = getattr(p, f"{f.variable}_low"), getattr(p, f"{f.variable}_high")
         now = getattr(view, f.variable)
-        places.append(jnp.clip((now - low) / (high - low), 0.0, 1.0))
+        places.append(jnp.clip((now - low) / (high - low), -BEYOND, 1.0 + BEYOND))
         zeros.append(jnp.clip(-low / (high - low), 0.0, 1.0))
         top = getattr(p, f"{f.factor}_high") if f.factor else 1.0
         factors.append(getattr(view, f.factor) / top if f.factor else jnp.ones_like(now))
@@ -126,9 +135,12 @@ def product(forms: tuple[Form, ...], p: Values, view: View, of: str = "") -> Sid
     pick = lambda items: sum(jnp.where(c, x, 0.0) for c, x in zip(chosen, items, strict=True))  # noqa: E731
     z, zero, factor, here = (pick(items) for items in (places, zeros, factors, mine))
     pieces = jnp.where(p.law - which * len(PIECES) == 0, PIECES[0], PIECES[1])
+    inside = jnp.clip(z, 0.0, 1.0)
+    beyond = pieces * (z - inside)
     out = jnp.zeros_like(z)
     for k, w in enumerate(WEIGHTS):
-        out = out + getattr(p, w) * (_bell(pieces * z - k) - _bell(pieces * zero - k))
+        at = pieces * inside - k
+        out = out + getattr(p, w) * (_bell(at) + beyond * _slope(at) - _bell(pieces * zero - k))
     return here * factor * out
 
 

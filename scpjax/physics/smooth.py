@@ -1,4 +1,4 @@
-"""Smooth stand-ins for kinks and steps, each exactly zero at zero; kinks by square roots, which cost little in a loop."""
+"""Smooth stand-ins for kinks and steps, exactly zero at zero; kinks by square roots, which cost little in a loop."""
 
 from __future__ import annotations
 

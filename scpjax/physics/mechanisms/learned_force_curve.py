@@ -12,10 +12,10 @@ class LearnedForceCurve(LearnedCurve):
     says = "A force that no mechanism of the catalogue describes, as a smooth curve."
     needs = ("mechanical",)
     forms = (
-        Form("", "displacement"),
-        Form("", "temperature"),
+        Form("", "displacement", names=("nonlinear_stiffness", "antagonist_load")),
+        Form("", "temperature", names=("nonlinear_thermal_force", "slack")),
         Form("temperature", "displacement"),
-        Form("displacement", "temperature"),
+        Form("displacement", "temperature", names=("thermal_softening",)),
         Form("", "velocity"),
         Form("displacement", "velocity"),
     )

@@ -24,10 +24,10 @@ class LearnedHeatCurve(LearnedCurve):
     needs = ("thermal",)
     forms = (
         Form("temperature", "displacement"),
-        Form("temperature", "temperature"),
+        Form("temperature", "temperature", names=("nonlinear_heat_loss",)),
         Form("", "displacement"),
         Form("temperature", "velocity"),
-        Form("effort", "temperature"),
+        Form("effort", "temperature", names=("resistance_temperature",)),
         Form("effort", "displacement"),
         Form("", "temperature", "store"),
     )

@@ -1,0 +1,54 @@
+"""One effect of the catalogue under a law that the catalogue does not hold: told by what it depends on.
+
+A force that is the temperature's alone is a nonlinear thermal force whatever its curve, and a stiffness that falls with
+temperature a softening. Where no mechanism alone comes down to the noise, such curves are fitted in place of laws.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import expit
+
+from scpjax.diagnose.curve import Curve, best_of, curves
+from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, ahead, is_better
+from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.outside import AT_NOISE, level
+from scpjax.diagnose.select import Choice
+from scpjax.diagnose.trials import State
+
+
+@dataclass(frozen=True)
+class Free:
+    """A curve that is a mechanism of the catalogue; ``names``: it, and those that no curve would tell from it."""
+
+    curve: Curve
+    names: tuple[str, ...]
+    probability: float
+
+    def choice(self, base: State, tried: Choice) -> Choice:
+        """As what is chosen, after what was tried."""
+        name, *others = self.names
+        return Choice(base, tried.ranking, {name: self.probability}, {name: tuple(others)}, free=name)
+
+
+def free_law(base: State, rival: State, split: Split, rules: Evidence) -> Free | None:
+    """The mechanism that under a law of its own comes down to the noise alone, with more evidence than ``rival`` (what
+    the laws of the catalogue made of it); None where none does, or where a curve that has no name does better.
+    """
+    best = best_of(curves(base, split, rules, allowed=lambda form: bool(form.names)), base, split, rules)
+    if best is None or _fitted(best, split) > AT_NOISE or not is_better(best.state, rival, split, rules):
+        return None
+    nameless = best_of(curves(base, split, rules, allowed=lambda form: not form.names), base, split, rules)
+    if nameless is not None and is_better(nameless.state, best.state, split, rules):
+        return None
+    names = dict.fromkeys(n for c in (best, *best.alike) for n in c.form.names)
+    return Free(best, tuple(names)[: EQUIVALENTS + 1], float(expit(ahead(best.state, rival, split, rules) / 2)))
+
+
+def _fitted(curve: Curve, split: Split) -> float:
+    """RMS misfit in units of the noise of what was fitted, in the column where it is greatest: a curve has to go on
+    beyond what it was fitted to, and need not do so at the noise.
+    """
+    return level(curve.state, replace(split, is_held=np.zeros_like(split.is_held)))
