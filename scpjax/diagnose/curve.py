@@ -108,7 +108,7 @@ def best_of(found: Sequence[Curve], state: State, split: Split, rules: Evidence)
         return None
     best = max(found, key=lambda c: c.evidence.held_out_gain)
     alike = tuple(c for c in found if c is not best and are_alike(c.state, best.state, split))
-    return replace(_finer(best, state, split, rules), alike=alike)
+    return replace(finer(best, state, split, rules), alike=alike)
 
 
 def ranges(state: State, split: Split) -> dict[str, float]:
@@ -179,7 +179,7 @@ def _fitted(
     return out
 
 
-def _finer(found: Curve, before: State, split: Split, rules: Evidence) -> Curve:
+def finer(found: Curve, before: State, split: Split, rules: Evidence) -> Curve:
     """The same curve with more pieces, from where it stands, if that predicts what was held out better."""
     m, law, problem = mechanism(found.mechanism), found.law + 1, found.state.setup
     where = np.linspace(0.0, 1.0, 60)
@@ -195,10 +195,10 @@ def _finer(found: Curve, before: State, split: Split, rules: Evidence) -> Curve:
     trial = replace(problem, fixed=np.asarray(trial.fixed)).trial(
         value, np.asarray(trial.active), np.asarray(trial.laws), len(trial.index)
     )
-    (finer,) = _fitted(problem, before, split, rules, m, {law: trial})
-    extra = len(finer.keys) - len(found.keys)
-    better = compare(found.state, finer.state, "closure", "", split, rules, extra).accepted
-    return finer if better and _stands(finer, split) else found
+    (more_of_it,) = _fitted(problem, before, split, rules, m, {law: trial})
+    extra = len(more_of_it.keys) - len(found.keys)
+    better = compare(found.state, more_of_it.state, "closure", "", split, rules, extra).accepted
+    return more_of_it if better and _stands(more_of_it, split) else found
 
 
 def _stands(curve: Curve, split: Split) -> bool:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit
 
-from scpjax.diagnose.curve import Curve, best_of, curves
-from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, ahead, is_better
+from scpjax.diagnose.curve import Curve, curves, finer
+from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, ahead, are_alike, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.outside import AT_NOISE, level
 from scpjax.diagnose.select import Choice
@@ -35,15 +35,18 @@ class Free:
 
 def free_law(base: State, rival: State, split: Split, rules: Evidence) -> Free | None:
     """The mechanism that under a law of its own comes down to the noise alone, with more evidence than ``rival`` (what
-    the laws of the catalogue made of it); None where none does, or where a curve that has no name does better.
+    the laws of the catalogue made of it); None where none does, or where a curve that has no name is as likely.
     """
-    best = best_of(curves(base, split, rules, allowed=lambda form: bool(form.names)), base, split, rules)
-    if best is None or _fitted(best, split) > AT_NOISE or not is_better(best.state, rival, split, rules):
+    found = [finer(c, base, split, rules) for c in curves(base, split, rules, allowed=lambda form: bool(form.names))]
+    able = [c for c in found if _fitted(c, split) <= AT_NOISE and is_better(c.state, rival, split, rules)]
+    if not able:
         return None
-    nameless = best_of(curves(base, split, rules, allowed=lambda form: not form.names), base, split, rules)
-    if nameless is not None and is_better(nameless.state, best.state, split, rules):
+    best = max(able, key=lambda c: ahead(c.state, base, split, rules))
+    nameless = curves(base, split, rules, allowed=lambda form: not form.names)
+    if any(ahead(finer(c, base, split, rules).state, best.state, split, rules) > 0 for c in nameless):
         return None
-    names = dict.fromkeys(n for c in (best, *best.alike) for n in c.form.names)
+    alike = [c for c in able if c is not best and are_alike(c.state, best.state, split)]
+    names = dict.fromkeys(n for c in (best, *alike) for n in c.form.names)
     return Free(best, tuple(names)[: EQUIVALENTS + 1], float(expit(ahead(best.state, rival, split, rules) / 2)))
 
 

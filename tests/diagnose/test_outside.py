@@ -7,69 +7,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import scipy.integrate
 from diagnose.creeping import AMBIENT, BASE
+from diagnose.heated import DRIVE, LOSS, TIME, base_of, nothing, recorded, rubbed_by_air
 
 from scpjax.diagnose import outside
 from scpjax.diagnose.answer import TRUSTED, _subsystem, answer
 from scpjax.diagnose.closure import learn, offers
 from scpjax.diagnose.evidence import Evidence
-from scpjax.diagnose.holdout import Split, split
+from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.latent import missing
 from scpjax.diagnose.locate import observe
 from scpjax.diagnose.outside import able, beyond_names, form_at_most, level
 from scpjax.diagnose.rivals import added
 from scpjax.diagnose.select import Choice
-from scpjax.diagnose.trials import State, residual_on
-from scpjax.fit.fit import best_start, refine
-from scpjax.fit.setup import prepare
+from scpjax.diagnose.trials import State
 from scpjax.physics.terms import Term
-from scpjax.recordings import excitation
-from scpjax.recordings.recording import Metadata, Recording
 
 ROOT = Path(__file__).resolve().parents[2]
-NOISE = {"temperature_degC": 0.1, "displacement_mm": 0.03}
-LOSS, MASS = BASE["newton_cooling.conductance"], BASE["newton_cooling.thermal_mass"]
-TIME, DRIVE = excitation.multilevel_random(duration_s=120, period_s=0.1, hold_s=6, low=0, high=4, seed=3)
 DRAUGHT = np.where((TIME > 30) & (TIME < 75), -0.25 * np.sin((TIME - 30) / 45 * np.pi) ** 2, 0.0)  # [W]
-
-
-def rubbed_by_air(_t: float, temperature: float, moved: float) -> float:
-    """A loss [W] that grows with the square of the displacement: in no catalogue."""
-    return 0.9 * LOSS * temperature * (moved / 5e-3) ** 2
-
-
-def nothing(_t: float, _temperature: float, _moved: float) -> float:
-    return 0.0
-
-
-def recorded(heat, rattle: float = 0.0, seed: int = 0) -> Recording:
-    """Made by scipy: a plant with one more heat flow out of the wire [W], from rest."""
-    k, b, m = (BASE[n] for n in ("elastic_spring.stiffness", "viscous_damping.damping", "inertia.mass"))
-    z, path = np.zeros(3), [np.zeros(3)]
-    for i, gap in enumerate(np.diff(TIME)):
-
-        def rates(t, z, i=i):
-            power = DRIVE[i] ** 2 * BASE["joule_heating.gain"] - LOSS * z[0] - heat(t, z[0], z[1])
-            return [power / MASS, z[2], (BASE["thermal_actuation.coefficient"] * z[0] - k * z[1] - b * z[2]) / m]
-
-        z = scipy.integrate.solve_ivp(rates, (TIME[i], TIME[i] + gap), z, rtol=1e-8, atol=1e-10).y[:, -1]
-        path.append(z)
-    states, rng = np.array(path), np.random.default_rng(seed)
-    clean = {"temperature_degC": states[:, 0] + AMBIENT - 273.15, "displacement_mm": 1e3 * states[:, 1] + rattle}
-    outputs = {c: clean[c] + s * rng.standard_normal(len(TIME)) for c, s in NOISE.items()}
-    meta = Metadata(
-        name="made", known=(("resistance_ohm", 1.2), ("moving_mass_kg", 0.25)), ambient_K=AMBIENT, model="plant"
-    )
-    return Recording.from_arrays(TIME, {"voltage_V": DRIVE}, outputs, metadata=meta)
-
-
-def base_of(recording: Recording) -> tuple[State, Split]:
-    setup = prepare([recording])
-    parts = split(setup.data)
-    trial, _, _ = best_start(setup, parts.train)
-    trial, _, cost = refine(setup, parts.train, trial)
-    return State(setup, trial, residual_on(trial, parts.whole, setup), float(cost)), parts
 
 
 @cache
@@ -273,7 +228,7 @@ def test_a_law_of_another_form_is_named_and_corrected():
 @pytest.mark.parametrize(("depends_on", "place"), [(("temperature", "drive"), "thermoelectric"), (("drive",), "drive")])
 def test_what_depends_on_more_than_the_drive_is_not_the_drives(depends_on, place):
     """The drive answers for a misfit as well as the heat does, where the closure says which it is."""
-    nothing = SimpleNamespace(state=SimpleNamespace(names=()))
+    nothing = SimpleNamespace(state=SimpleNamespace(names=()), free="")
     closure = SimpleNamespace(subsystem="thermoelectric", depends_on=depends_on, held_out_gain=0.9)
     lacking = [SimpleNamespace(subsystem=s) for s in ("drive", "thermoelectric")]
     assert _subsystem(nothing, closure, lacking) == place  # type: ignore[arg-type]

@@ -1,0 +1,88 @@
+"""An effect under a law that the catalogue does not hold: named by what it depends on, where a curve is enough."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnose.heated import LOSS, base_of, nothing, recorded, rubbed_by_air
+
+from scpjax.diagnose.answer import TRUSTED
+from scpjax.diagnose.diagnose import diagnose
+from scpjax.diagnose.evidence import Evidence, at_its_least, compare
+from scpjax.diagnose.free import free_law
+from scpjax.diagnose.rivals import added
+from scpjax.diagnose.trials import State
+from scpjax.physics.catalogue import catalogue, mechanism
+from scpjax.physics.mechanisms.learned_force_curve import LearnedForceCurve
+from scpjax.physics.mechanisms.learned_heat_curve import LearnedHeatCurve
+from scpjax.physics.mechanisms.learned_reading_curve import LearnedReadingCurve
+
+
+def softest(temperature: float) -> float:
+    """Softest about 30 K and stiffer again beyond: no law of the catalogue."""
+    return 1.0 - 0.15 * np.exp(-(((temperature - 30.0) / 20.0) ** 2))
+
+
+def test_a_spring_that_softens_and_stiffens_again_is_a_softening_by_a_curve():
+    found = diagnose([recorded(nothing, stiff=softest, quiet=0.2)])
+    assert found.verdict == "explained"
+    (m,) = found.mechanisms
+    assert (m.name, m.law, m.subsystem) == ("thermal_softening", "free form", "thermomechanical")
+    assert found.location.subsystem == "thermomechanical"
+    assert found.closure is not None
+    assert found.closure.curve is not None
+    assert found.closure.expression in found.says
+    assert 0.5 < m.probability <= TRUSTED["explained"]
+    assert set(m.parameters) == {k.split(".")[1] for k in found.closure.terms}
+    curve = found.closure.curve  # N/mm against the spring, with its band
+    k = found.base_parameters["elastic_spring.stiffness"].value
+    warm = curve.at > 2.0
+    lost = -curve.value[warm] * 1e3
+    # stiffness and curve together are what was made, up to a factor that the pull's own coefficient takes up
+    whole = k - lost
+    made = np.array([softest(t) for t in curve.at[warm]])
+    scale = float(whole @ made / (made @ made))
+    np.testing.assert_allclose(whole / scale, made, atol=0.06)
+    text = found.to_json()
+    assert text["mechanisms"][0]["law"] == "free form"
+
+
+def test_no_name_for_a_curve_that_is_no_mechanism():
+    """A loss that grows with the displacement has no name, whatever a curve of the temperature makes of it."""
+    base, parts = base_of(recorded(rubbed_by_air))
+    assert free_law(base, base, parts, Evidence()) is None
+
+
+def test_a_law_of_the_catalogue_that_does_as_well_is_not_given_up():
+    base, parts = base_of(recorded(lambda _t, temperature, _x: 0.3 * LOSS * temperature * (temperature / 40.0)))
+    named = added(base, "nonlinear_heat_loss", parts)
+    assert free_law(base, named, parts, Evidence()) is None
+    assert free_law(base, base, parts, Evidence()) is not None
+
+
+@pytest.mark.parametrize("curve", [LearnedForceCurve, LearnedHeatCurve, LearnedReadingCurve])
+def test_forms_go_by_names_of_the_catalogue_in_the_same_balance(curve):
+    for form in curve.forms:
+        for name in form.names:
+            assert catalogue()[name].subsystem == curve.subsystem
+
+
+def at_strength(state: State, name: str, value: float) -> State:
+    """The hypothesis with another strength of a mechanism, its residual as it was."""
+    setup = state.setup
+    values = state.values
+    values[setup.structure.index[f"{name}.{mechanism(name).parameters[0].name}"]] = value
+    trial = setup.trial(values, np.asarray(state.trial.active), np.asarray(state.trial.laws), len(state.trial.index))
+    return replace(state, trial=trial)
+
+
+def test_a_strength_at_its_least_is_no_evidence():
+    base, parts = base_of(recorded(lambda _t, temperature, _x: 0.3 * LOSS * temperature * (temperature / 40.0)))
+    named = added(base, "nonlinear_heat_loss", parts)
+    least = mechanism("nonlinear_heat_loss").parameters[0].bounds[0]
+    for strength, counts in ((2.0 * least, True), (1.01 * least, False)):
+        after = at_strength(named, "nonlinear_heat_loss", strength)
+        assert at_its_least(after, "nonlinear_heat_loss") != counts
+        found = compare(base, after, "nonlinear_heat_loss", "power", parts, Evidence(), 2)
+        assert found.accepted == counts
+    assert not at_its_least(named, "closure")
