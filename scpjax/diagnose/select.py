@@ -239,7 +239,7 @@ def _by_another_way(
                 break
             if at_noise(way.state, split):
                 break
-        if is_better(way.state, leader.state, split, rules):
+        if is_better(way.state, leader.state, split, rules) and _earned(search, leader.state, way.state):
             if set(way.state.names) == set(leader.state.names):
                 leader = replace(leader, state=way.state)
             else:
@@ -249,6 +249,13 @@ def _by_another_way(
             break
     strongest = next((c.added for c in first.accepted if c.added in leader.state.names), None)
     return leader if strongest is None else replace(leader, state=in_order(leader.state, strongest, split))
+
+
+def _earned(search: _Search, before: State, after: State) -> bool:
+    """Whether names beyond all those of another hypothesis are worth it, as they have to be when they are added."""
+    if not set(before.names) < set(after.names):
+        return True
+    return worthwhile(before, after, search.base, search.split, search.rules.worth)
 
 
 def prune(state: State, split: Split, rules: Evidence) -> State:

@@ -107,6 +107,21 @@ def test_told_first_is_what_alone_explained_most(monkeypatch):
     assert found.probability["c"] > 0.99
 
 
+@pytest.mark.parametrize(("worth", "names"), [(True, {"a", "c"}), (False, {"a"})])
+def test_another_way_that_only_adds_a_name_has_to_be_worth_it(monkeypatch, worth, names):
+    """``c`` beside ``a``, found by way of ``c``, takes a little more away than ``a`` alone."""
+    played(monkeypatch, {})
+
+    def with_one_more(state, split, rules, catalogue, *, max_steps, tell):
+        after = {(): {"a": 10.0, "c": 900.0}, ("c",): {"a": 8.0}}.get(state.names, {})
+        found = [(n, Played((*state.names, n), left)) for n, left in after.items()]
+        return [Comparison(s, n, "", state.cost - s.cost, 0.5, 50.0, 0.5, True) for n, s in found]
+
+    monkeypatch.setattr(select, "try_all", with_one_more)
+    monkeypatch.setattr(select, "worthwhile", lambda before, after, *_: worth or before.names != ("a",))
+    assert chosen() == names
+
+
 def test_another_way_that_falls_behind_is_left(monkeypatch):
     asked = played(monkeypatch, {"a": 500.0, "b": 900.0, "ac": 300.0, "bc": 400.0, "bcd": 1.0})
     assert chosen() == {"a", "c"}
