@@ -15,7 +15,7 @@ from scpjax.diagnose.expression import describe
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.locate import Binned, locate
 from scpjax.diagnose.outside import AT_NOISE, balance_of, form_at_most, level
-from scpjax.diagnose.result import Closure, Diagnosis, Latent, Named, Scores, Verdict
+from scpjax.diagnose.result import FREE, Closure, Diagnosis, Drawn, Latent, Named, Scores, Verdict
 from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State, residual_on
 from scpjax.fit.colour import Whitener
@@ -23,12 +23,10 @@ from scpjax.fit.data import Data
 from scpjax.fit.fit import final_model, noise_by_column, refine, scores, traces
 from scpjax.fit.identifiability import estimates, uncertainty
 from scpjax.fit.problem import Trial
+from scpjax.fit.result import Estimate
 from scpjax.physics.catalogue import mechanism
 
 _MOST = 0.5  # held-out gain from which a closure says where the misfit lies
-
-FREE = "free form"
-"""What the law of a mechanism that goes by a learned curve is called."""
 
 TRUSTED: dict[Verdict, float] = {"explained": (45 + 1) / (46 + 2), "adequate": 1.0, "unexplained": (12 + 1) / (13 + 2)}
 """By verdict, how often a name is right of which the evidence alone is certain: the counts in ``docs/concealed.md`` by
@@ -57,12 +55,12 @@ def answer(
     base_final, _ = _final(parts, base)
     doubt = uncertainty(final, final_data, problem.space, coloured=final_data is parts.whole)
     every = estimates(final, problem.space, doubt)
-    named = _named(choice, every) + _by_curve(choice, learned, every)
     fitted, closure = final_model(problem, final), None
     if isinstance(learned, Curve):
         closure = draw(learned, every, fitted.values(), doubt)
     elif learned is not None:
         closure = describe(learned, every, fitted.values())
+    named = _named(choice, every) + _by_curve(choice, learned, closure)
     subsystem = _subsystem(choice, closure, lacking)
     left = level(replace(state, residual=residual_on(final, parts.whole, problem)), parts)
     verdict, says = _verdict(base, choice.state, state, parts, named, closure, left)
@@ -151,11 +149,13 @@ def _named(choice: Choice, every: Mapping) -> tuple[Named, ...]:
     return tuple(out)
 
 
-def _by_curve(choice: Choice, learned: Learned | Curve | None, every: Mapping) -> tuple[Named, ...]:
-    """The mechanism that a learned curve is."""
+def _by_curve(choice: Choice, learned: Learned | Curve | None, closure: Closure | None) -> tuple[Named, ...]:
+    """The mechanism that a learned curve is, with the curve's values at quarters of its range for parameters."""
     if not choice.free:
         return ()
     assert isinstance(learned, Curve)
+    assert closure is not None
+    assert closure.curve is not None
     m, curve = mechanism(choice.free), mechanism(learned.mechanism)
     return (
         Named(
@@ -164,13 +164,28 @@ def _by_curve(choice: Choice, learned: Learned | Curve | None, every: Mapping) -
             subsystem=m.subsystem,
             law=FREE,
             probability=choice.probability[m.name],
-            parameters={k.split(".")[1]: every[k] for k in learned.keys},
+            parameters=_values_of(closure.curve),
             equivalents=choice.equivalents[m.name],
             says=m.says,
             equation=f"{curve.equation}; here f s(w) = {learned.form.name}",
             source=curve.source,
         ),
     )
+
+
+def _values_of(drawn: Drawn) -> dict[str, Estimate]:
+    """A curve at the quarters of its range from rest to the far end, in SI."""
+    per_mm = drawn.unit.endswith("/mm")
+    unit, size = (drawn.unit.replace("/mm", "/m"), 1e3) if per_mm else (drawn.unit, 1.0)
+    far = float(drawn.at[np.argmax(np.abs(drawn.at))])
+    out = {}
+    for quarter in (1, 2, 3, 4):
+        at = far * quarter / 4
+        value, std = (size * float(np.interp(at, drawn.at, x)) for x in (drawn.value, drawn.std))
+        where = f"{at:.3g} {drawn.at_unit}"
+        words = f"the curve of {drawn.product} at a {drawn.variable} of {where}"
+        out[f"s{quarter}"] = Estimate(value, std, unit, value - 1.96 * std, value + 1.96 * std, words, f"s({where})")
+    return out
 
 
 def _nearest(choice: Choice) -> tuple[str, ...]:

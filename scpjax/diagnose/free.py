@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import expit
 
 from scpjax.diagnose.curve import Curve, curves, finer
-from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, ahead, are_alike, is_better
+from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, ahead, are_equal, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.outside import AT_NOISE, level
 from scpjax.diagnose.select import Choice
@@ -45,7 +45,7 @@ def free_law(base: State, rival: State, split: Split, rules: Evidence) -> Free |
     nameless = curves(base, split, rules, allowed=lambda form: not form.names)
     if any(ahead(finer(c, base, split, rules).state, best.state, split, rules) > 0 for c in nameless):
         return None
-    alike = [c for c in able if c is not best and are_alike(c.state, best.state, split)]
+    alike = [c for c in able if c is not best and are_equal(c.state, best.state, base, split, rules)]
     names = dict.fromkeys(n for c in (best, *alike) for n in c.form.names)
     return Free(best, tuple(names)[: EQUIVALENTS + 1], float(expit(ahead(best.state, rival, split, rules) / 2)))
 

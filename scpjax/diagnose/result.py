@@ -47,6 +47,10 @@ class Location:
     input_independence: dict[str, float] = field(default_factory=dict)  # p-value: independent of past input
 
 
+FREE = "free form"
+"""What the law of a mechanism is called that goes by a learned curve."""
+
+
 @dataclass(frozen=True)
 class Named:
     """A mechanism that the evidence supports. ``probability``: by the evidence against the others and none, times how

@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 from matplotlib.figure import Figure
 
-from scpjax.diagnose.result import Diagnosis, Drawn, Latent
+from scpjax.diagnose.result import FREE, Diagnosis, Drawn, Latent
 from scpjax.report import page, plot
 from scpjax.report.numbers import number, percent
 from scpjax.report.plot import EXTENDED, FAINT, TEXT, new_figure, style
@@ -129,13 +129,17 @@ def learned(d: Diagnosis, shapes: dict[str, bytes]) -> str:
     if c is None:
         return ""
     corrects = d.verdict == "explained"
+    is_law = any(m.law == FREE for m in d.mechanisms)
     place = escape(c.place.removeprefix("learned_").replace("_", " "))
     form = "sum of terms" if c.curve is None else "smooth curve"
     why = (
-        f"The mechanisms named explain nearly all of the misfit; this {form} corrects the form of their laws."
+        f"The mechanism named follows no law of the catalogue; this {form} is its law."
+        if is_law
+        else f"The mechanisms named explain nearly all of the misfit; this {form} corrects the form of their laws."
         if corrects
         else f"No mechanism of the catalogue explains it, but this {form} does better than none."
     )
+    head = "The law" if is_law else "Correction" if corrects else "Learned, not named"
     error = "; ± is one standard error" if c.curve is None else ""
     drawn, other = "", " or ".join(c.equivalents)
     if c.curve is not None:
@@ -147,7 +151,7 @@ def learned(d: Diagnosis, shapes: dict[str, bytes]) -> str:
     return "\n".join(
         (
             '<div class="card">',
-            f"<header><h3>{'Correction' if corrects else 'Learned, not named'}: {place}</h3>"
+            f"<header><h3>{head}: {place}</h3>"
             f'<span class="soft small">removes {percent(max(c.held_out_gain, 0.0))} of the held-out misfit · fall of '
             f"the BIC {number(c.delta_bic, 3)}</span></header>",
             page.text(
