@@ -8,7 +8,7 @@ import numpy as np
 
 from scpjax.diagnose.closure import Learned, learn
 from scpjax.diagnose.curve import Curve, bend
-from scpjax.diagnose.evidence import Evidence, is_better
+from scpjax.diagnose.evidence import Evidence, at_its_least, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Latent
 from scpjax.diagnose.select import Choice
@@ -71,8 +71,27 @@ def beyond_names(
     they leave much; or if they leave much that stands clearly above the noise, where that is so small that no simple
     law comes near it more than half. A closure is learned beyond the names that stay; in their balances, as a
     correction of their laws, where they leave little. A last name that came where little was left is false if such a
-    correction does better in its place.
+    correction does better in its place, and so is one of which beside the closure nothing stays.
     """
+    choice, learned = _beyond(parts, base, choice, rules, where)
+    gone = [] if learned is None else [n for n in choice.state.names if at_its_least(learned.state, n)]
+    if not gone:
+        return choice, learned
+    state = choice.state
+    for name in gone:
+        state = without(state, name, parts)
+    return _beyond(parts, base, _with_only(choice, state), rules, where)
+
+
+def _with_only(choice: Choice, state: State) -> Choice:
+    """The choice with fewer names."""
+    chance = {n: choice.probability[n] for n in state.names}
+    return Choice(state, choice.ranking, chance, {n: choice.equivalents.get(n, ()) for n in state.names})
+
+
+def _beyond(
+    parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str]
+) -> tuple[Choice, Learned | Curve | None]:
     held = parts.is_held
     whole, left = _unexplained(base, held), _unexplained(choice.state, held)
     if form_at_most(base, choice.state, parts):
@@ -130,5 +149,4 @@ def _corrected_rather_than_named(
     held = parts.is_held
     if corrected is None or _unexplained(corrected.state, held) >= _unexplained(state, held):
         return choice, None
-    kept = {n: p for n, p in choice.probability.items() if n in fewer.names}
-    return Choice(fewer, choice.ranking, kept, {n: choice.equivalents.get(n, ()) for n in fewer.names}), corrected
+    return _with_only(choice, fewer), corrected

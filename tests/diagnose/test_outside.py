@@ -201,6 +201,29 @@ def test_names_that_leave_little_are_corrected_in_their_balance_near_the_noise(m
     assert asked == ([(named, ["thermoelectric"])] if corrected else [])
 
 
+def test_a_name_of_which_nothing_stays_beside_the_closure_is_taken_out(monkeypatch):
+    base, parts = rubbed()
+    named = added(added(base, "ambient_drift", parts), "sensor_lag", parts)
+    learned = SimpleNamespace(state=named)
+    monkeypatch.setattr(outside, "closure", lambda *_: learned)
+    monkeypatch.setattr(outside, "_CLEARLY", np.inf)
+    monkeypatch.setattr(outside, "_FAR_BETTER", 0.0)
+    monkeypatch.setattr(outside, "at_its_least", lambda state, name: name == "sensor_lag" and name in state.names)
+    asked = []
+
+    def taken_out(state: State, name: str, _parts: Split) -> State:
+        asked.append((state.names, name))
+        return added(base, "ambient_drift", parts)
+
+    monkeypatch.setattr(outside, "without", taken_out)
+    chosen = Choice(named, (), {"ambient_drift": 0.9, "sensor_lag": 0.8}, {"sensor_lag": ("creep",)})
+    choice, found = beyond_names(parts, base, chosen, Evidence(), ["thermoelectric"])
+    assert asked[-1] == (("ambient_drift", "sensor_lag"), "sensor_lag")
+    assert choice.state.names == ("ambient_drift",)
+    assert choice.probability == {"ambient_drift": 0.9}
+    assert found is learned
+
+
 def test_a_law_of_another_form_is_named_and_corrected():
     """A loss that sets in between two temperatures is no power of them: the name stays, a correction is learned."""
 
