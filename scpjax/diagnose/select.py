@@ -46,7 +46,7 @@ def try_all(
     promises = screen(state, split, catalogue, candidates)
     bent = np.any(misfit(state, split) > _STRAIGHT)
     begun = fresh(state, split, catalogue, candidates) if bent else None
-    fitted = fit_promising(state, split, promises, begun, max_steps, tell)
+    fitted = contested(fit_promising(state, split, promises, begun, max_steps, tell), split)
     out = []
     for promise in promises:
         m = promise.mechanism
@@ -59,6 +59,27 @@ def try_all(
         else:  # it promised nothing: as it was, for more parameters
             out.append(compare(state, state, m.name, m.laws[0], split, rules, len(m.free_parameters(0))))
     return sorted(out, key=lambda c: -c.delta_bic)
+
+
+def contested(fitted: dict[str, dict[int, State]], split: Split) -> dict[str, dict[int, State]]:
+    """Hypotheses by mechanism and law, those fitted afresh that are close to the closest fit, where they are of several
+    mechanisms: between them it may decide from which base parameters they began.
+    """
+    least = min((s.cost for laws in fitted.values() for s in laws.values()), default=0.0)
+    close = {name for name, laws in fitted.items() if any(s.cost < _CONTESTED * least for s in laws.values())}
+    if len(close) < 2:
+        return fitted
+
+    def again(s: State) -> State:
+        if s.cost >= _CONTESTED * least:
+            return s
+        after = afresh(s, split)
+        return after if after.cost < s.cost else s
+
+    return {name: {law: again(s) for law, s in laws.items()} for name, laws in fitted.items()}
+
+
+_CONTESTED = 1.1  # sum of squares, in units of the least, up to which it is contested which is the closest
 
 
 def _best_law(m: Mechanism, found: Sequence[Comparison], split: Split, rules: Evidence) -> Comparison:

@@ -129,6 +129,28 @@ def test_another_way_that_falls_behind_is_left(monkeypatch):
     assert ("b", "c") not in asked
 
 
+@pytest.mark.parametrize(("second", "asked"), [(105.0, {100.0, 105.0}), (115.0, set())])
+def test_fits_that_are_close_are_fitted_afresh(monkeypatch, second, asked):
+    """Not where one mechanism alone is close, under however many laws; a fit that gets no better stays."""
+
+    def fit(cost):
+        return SimpleNamespace(cost=cost)
+
+    def afresh(state, split):
+        begun.append(state.cost)
+        return SimpleNamespace(cost=90.0 if state.cost == 105.0 else 101.0)
+
+    begun: list[float] = []
+    monkeypatch.setattr(select, "afresh", afresh)
+    fitted = {"a": {0: fit(100.0), 1: fit(300.0)}, "b": {0: fit(second)}}
+    found = select.contested(fitted, None)  # type: ignore[arg-type]
+    assert set(begun) == asked
+    assert found["a"][0].cost == 100.0
+    assert found["a"][1].cost == 300.0
+    assert found["b"][0].cost == (90.0 if asked else second)
+    assert select.contested({}, None) == {}  # type: ignore[arg-type]
+
+
 def test_the_search_can_be_ended_with_the_first_name(monkeypatch):
     asked = played(monkeypatch, {"a": 500.0, "ab": 1.0})
     found = select.choose(Played((), 1000.0), None, Evidence(), None, enough=lambda s: s.names == ("a",))  # type: ignore[arg-type]
