@@ -129,8 +129,10 @@ def _chosen(
     free: Free | None = None
 
     def by_curve(rival: State) -> bool:
-        """Whether one mechanism under a law of its own does better."""
+        """Whether one mechanism under a law of its own does better than what does not reach the noise."""
         nonlocal free
+        if level(rival, parts) <= AT_NOISE:
+            return False
         tell("each mechanism under a law of its own", 0.3)
         free = free_law(base, rival, parts, options.evidence)
         return free is not None
@@ -147,7 +149,7 @@ def _chosen(
         trial, _, _ = refine(base.setup, parts.train, base.trial)
         base, free = _state(base.setup, parts, trial), None
         choice = search(base, parts, enough=by_curve)
-    if free is None and not choice.state.names and level(base, parts) > AT_NOISE:
+    if free is None and not choice.state.names:
         by_curve(base)
     if free is not None:
         return parts, base, free.choice(base, choice), free.curve, notes
