@@ -231,7 +231,7 @@ def bent_force(law):
 def softening(law):
     def force(t, z, u):
         r = z[0] / 20
-        glass = ((r - 0.5) / HOOK(r - 0.5, 0.2) + 0.5 / HOOK(0.5, 0.2)) / 2
+        glass = (np.tanh((r - 0.5) / 0.2) + np.tanh(0.5 / 0.2)) / 2
         lost = (0.4 * r, 0.4 * glass, 1 - np.exp(-0.4 * r))[law]
         return PULL * z[0] + K * z[1] * lost
 
