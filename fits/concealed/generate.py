@@ -1,6 +1,7 @@
 """Makes recordings with something concealed in them, and seals what it was.
 
-    python fits/concealed/generate.py --out DIR [--sort single] [--only PATTERN] [--seeds 1 2] [--cases N] [--subset]
+    python fits/concealed/generate.py --out DIR [--sort single] [--only PATTERN] [--seeds 1 2] [--cases N]
+                                      [--subset] [--unseen]
 
 Equations, laws, integration and noise are this folder's own: nothing of scpjax is used. A case is a folder whose name
 tells nothing: given/*.csv to diagnose, kept/*.csv to be judged on, truth.json. Cases that are there are left alone.
@@ -20,7 +21,7 @@ if __package__ in (None, ""):
 
 from tqdm import tqdm
 
-from fits.concealed.cases import SORTS, Case, plan
+from fits.concealed.cases import SORTS, Case, plan, seen
 from fits.concealed.making import make
 from fits.concealed.seal import seal
 
@@ -33,15 +34,19 @@ def choose(
     only: Sequence[str] = (),
     seeds: Sequence[int] = (),
     subset: bool = False,
+    unseen: bool = False,
     number: int | None = None,
 ) -> list[Case]:
-    """Cases of the plan; ``only``: patterns such as *creep* on the label or the name; ``number``: spread evenly."""
+    """Cases of the plan; ``only``: patterns such as *creep* on the label or the name; ``unseen``: none of those that
+    the engine was built with (``seen.txt``); ``number``: spread evenly."""
+    known = seen() if unseen else frozenset()
     cases = [
         c
         for c in plan()
         if (not sorts or c.sort in sorts)
         and (not seeds or c.seed in seeds)
         and (not subset or c.subset)
+        and c.name not in known
         and (not only or any(fnmatch.fnmatch(c.label, f"*{p}*") or c.name == p for p in only))
     ]
     if number is None or number >= len(cases):
@@ -56,11 +61,19 @@ def selection(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", metavar="N", type=int, nargs="+", default=[], help="1 to 5")
     parser.add_argument("--cases", metavar="N", type=int, help="so many of them, spread evenly")
     parser.add_argument("--subset", action="store_true", help="the balanced selection of about forty")
+    parser.add_argument("--unseen", action="store_true", help="only those never run while the engine was built")
 
 
 def selected(given: argparse.Namespace) -> list[Case]:
     """What the options choose."""
-    cases = choose(sorts=given.sort, only=given.only, seeds=given.seeds, subset=given.subset, number=given.cases)
+    cases = choose(
+        sorts=given.sort,
+        only=given.only,
+        seeds=given.seeds,
+        subset=given.subset,
+        unseen=given.unseen,
+        number=given.cases,
+    )
     if not cases:
         print("no case of the plan is so: try --list", file=sys.stderr)
         raise SystemExit(2)

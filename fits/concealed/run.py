@@ -1,6 +1,6 @@
 """The proof: diagnoses recordings with concealed effects, scores them, runs baselines on the same files, writes a page.
 
-    python fits/concealed/run.py [--subset | --all | --cases N | --only PATTERN] [--out DIR] [--docs docs]
+    python fits/concealed/run.py [--subset | --all | --cases N | --only PATTERN | --unseen] [--out DIR] [--docs docs]
 
 Recordings are made and their truth is sealed first (generate.py). Every answer is kept in --out as soon as it is there:
 a run that was stopped goes on where it was. The subset of forty takes about half an hour, all of them hours.
@@ -174,7 +174,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--retry", action="store_true", help="ask again where the answer was an error")
     parser.add_argument("--score-only", action="store_true", help="score what is there")
     given = parser.parse_args(argv)
-    if not (given.all or given.cases or given.only or given.sort or given.seeds):
+    if not (given.all or given.cases or given.only or given.sort or given.seeds or given.unseen):
         given.subset = True
     return given
 
@@ -183,7 +183,11 @@ def _asked(given: argparse.Namespace) -> str:
     """The options that chose the cases, as they are written."""
     words = [f"--sort {s}" for s in given.sort] + [f"--only '{p}'" for p in given.only]
     words += ["--seeds " + " ".join(map(str, given.seeds))] * bool(given.seeds)
-    words += [f"--cases {given.cases}"] * (given.cases is not None) + ["--subset"] * given.subset
+    words += (
+        ["--unseen"] * given.unseen
+        + [f"--cases {given.cases}"] * (given.cases is not None)
+        + ["--subset"] * given.subset
+    )
     return " ".join(words + ["--all"] * given.all)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from fits.concealed import cases as listing
 from fits.concealed import generate
 from fits.concealed.cases import Case, plan
 from fits.concealed.drives import FAMILIES, draw_drive
@@ -208,6 +209,10 @@ def test_the_plan_is_what_was_asked():
     chosen = generate.choose(subset=True)
     assert 35 <= len(chosen) <= 45
     assert {e for c in chosen for e, _ in c.effects} >= NAMES
+    unseen = generate.choose(unseen=True)
+    assert [c for c in cases if c.name not in listing.seen()] == unseen
+    few = generate.choose(unseen=True, number=20)
+    assert len(few) == 20 and [c for c in unseen if c in few] == few
 
 
 @pytest.mark.parametrize("family", FAMILIES)
