@@ -21,7 +21,7 @@ from scpjax.diagnose.outside import AT_NOISE, able, beyond_names, form_rather_th
 from scpjax.diagnose.profiles import Limits
 from scpjax.diagnose.result import Diagnosis
 from scpjax.diagnose.rivals import Outcome, next_experiment
-from scpjax.diagnose.select import Choice, Progress, choose
+from scpjax.diagnose.select import Choice, Progress, choose, prune
 from scpjax.diagnose.together import choose_together
 from scpjax.diagnose.trials import State, grown, residual_on
 from scpjax.fit.data import Data
@@ -124,7 +124,7 @@ def _chosen(
     """
     if base.setup.structure.system:
         choice = choose_together(base, parts, options.evidence, catalogue, progress=tell)
-        return *_settled(parts, base, choice), None, notes
+        return *_settled(parts, base, choice, options.evidence), None, notes
     search = partial(choose, rules=options.evidence, catalogue=catalogue, max_steps=options.max_steps, progress=tell)
     free: Free | None = None
 
@@ -155,17 +155,22 @@ def _chosen(
         return parts, base, free.choice(base, choice), free.curve, notes
     tell("each name against what could stand in its place", 0.7)
     choice = exchanged(choice, base, parts, options.evidence, catalogue)
-    return *_settled(parts, base, choice), None, notes
+    return *_settled(parts, base, choice, options.evidence), None, notes
 
 
-def _settled(parts: Split, base: State, choice: Choice) -> tuple[Split, State, Choice]:
-    """Jumps inside gaps timed by the model of what is named."""
+def _settled(parts: Split, base: State, choice: Choice, rules: Evidence) -> tuple[Split, State, Choice]:
+    """Jumps inside gaps timed by the model of what is named; without names that only made up for their times."""
     if not choice.state.names:
         return parts, base, choice
     problem = choice.state.setup
     again, data, _ = settle(problem, choice.state.trial, parts.train, drop_outliers=False)
-    parts = _with_effort(parts, data)
-    return parts, base, replace(choice, state=_state(problem, parts, again))
+    timed = _with_effort(parts, data)
+    state = _state(problem, timed, again)
+    if data is not parts.train and len(state.names) > 1:
+        pruned = prune(state, timed, rules)
+        if pruned.names != state.names:
+            return timed, base, choice.with_only(pruned)
+    return timed, base, replace(choice, state=state)
 
 
 def _wild(state: State, parts: Split) -> np.ndarray:

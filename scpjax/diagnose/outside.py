@@ -80,13 +80,7 @@ def beyond_names(
     state = choice.state
     for name in gone:
         state = without(state, name, parts)
-    return _beyond(parts, base, _with_only(choice, state), rules, where)
-
-
-def _with_only(choice: Choice, state: State) -> Choice:
-    """The choice with fewer names."""
-    chance = {n: choice.probability[n] for n in state.names}
-    return Choice(state, choice.ranking, chance, {n: choice.equivalents.get(n, ()) for n in state.names})
+    return _beyond(parts, base, choice.with_only(state), rules, where)
 
 
 def _beyond(
@@ -149,4 +143,4 @@ def _corrected_rather_than_named(
     held = parts.is_held
     if corrected is None or _unexplained(corrected.state, held) >= _unexplained(state, held):
         return choice, None
-    return _with_only(choice, fewer), corrected
+    return choice.with_only(fewer), corrected

@@ -24,6 +24,7 @@ from scpjax.diagnose.trials import (
     without,
 )
 from scpjax.fit.setup import Setup, laws_that_can_act
+from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism
 
 Progress = Callable[[str, float], None]
@@ -112,6 +113,11 @@ class Choice:
     equivalents: dict[str, tuple[str, ...]]
     given_up: tuple[tuple[str, ...], float] = ((), 0.0)
     free: str = ""
+
+    def with_only(self, state: State) -> Choice:
+        """The choice with fewer names, those of ``state``."""
+        chance = {n: self.probability[n] for n in state.names}
+        return Choice(state, self.ranking, chance, {n: self.equivalents.get(n, ()) for n in state.names})
 
 
 @dataclass(frozen=True)
@@ -293,21 +299,32 @@ def prune(state: State, split: Split, rules: Evidence) -> State:
 
 
 def _other_laws(state: State, name: str, split: Split, rules: Evidence) -> State:
-    """A mechanism just named, under its wider laws from where it stands: they start best from a narrower fit."""
+    """A mechanism just named, under its wider laws from where it stands: they start best from a narrower fit. And under
+    narrower ones, which may have lost against it only by where their fits began.
+    """
     setup = state.setup
     m = setup.structure.mechanism(name)
-    which = next(i for i, other in enumerate(setup.structure.mechanisms) if other.name == name)
-    now = int(np.asarray(state.trial.laws)[which])
-    best, free = state, m.free_parameters(now)
+    free_now = set(m.free_parameters(m.laws.index(state.laws[name])))
+    best = state
     for law in laws_that_can_act(setup, m):
-        added = [p for p in m.free_parameters(law) if p not in free]
-        if law == now or not set(free) < set(m.free_parameters(law)):
-            continue
-        value, laws = state.values, np.asarray(state.trial.laws).copy()
-        for p in added:
-            value[setup.structure.index[f"{name}.{p.name}"]] = start_value(setup, m, p)
-        laws[which] = law
-        after = at_rest(setup, split, [trial_at(setup, value, laws)], max_steps=80)
-        if compare(best, after, name, m.laws[law], split, rules, max(len(added), 1)).accepted:
-            best = after
+        free = set(m.free_parameters(law))
+        if free < free_now:
+            after = afresh(_under(state, m, law, split), split)
+            if not compare(after, best, name, "", split, rules, len(free_now - free)).accepted:
+                best = after
+    for law in laws_that_can_act(setup, m):
+        added = [p for p in m.free_parameters(law) if p not in free_now]
+        if added and free_now < set(m.free_parameters(law)):
+            after = _under(state, m, law, split, added)
+            if compare(best, after, name, m.laws[law], split, rules, len(added)).accepted:
+                best = after
     return best
+
+
+def _under(state: State, m: Mechanism, law: int, split: Split, added: Sequence[Parameter] = ()) -> State:
+    """The hypothesis with one of its mechanisms under another law, fitted from where it stands."""
+    setup, value, laws = state.setup, state.values, np.asarray(state.trial.laws).copy()
+    for p in added:
+        value[setup.structure.index[f"{m.name}.{p.name}"]] = start_value(setup, m, p)
+    laws[next(i for i, other in enumerate(setup.structure.mechanisms) if other.name == m.name)] = law
+    return at_rest(setup, split, [trial_at(setup, value, laws)], max_steps=80)

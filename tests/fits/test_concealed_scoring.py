@@ -237,6 +237,17 @@ def test_a_worker_that_dies_is_replaced(tmp_path, monkeypatch):
     worker.close()
 
 
+def test_a_worker_that_does_not_listen_is_an_error(tmp_path, monkeypatch):
+    deaf = tmp_path / "deaf.py"
+    deaf.write_text("import os, time\nos.close(0)\nprint('deaf', flush=True)\ntime.sleep(60)\n")
+    monkeypatch.setattr("fits.concealed.pool.COMMAND", ("-u", str(deaf)))
+    worker = Worker(limit=20, log=tmp_path / "log")
+    worker._open()
+    assert worker.lines.get(timeout=20) == "deaf\n"
+    assert "process is gone" in worker.ask({"do": "library"})["error"]
+    assert worker.process is None
+
+
 def test_monomials():
     powers = terms(2, 2)
     assert powers.tolist() == [[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]]

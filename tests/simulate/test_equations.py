@@ -11,7 +11,8 @@ from scpjax.simulate.simulate import Exponential, simulate
 def copper(law):
     def rates(_t, z, u):
         t, x, v = z
-        power = u / R / (1 + 0.004 * t) if law == 0 else u / R * (1 + 0.004 * t)
+        rise = 1 + 0.004 * t + (0.3 * (0.004 * t) ** 2 if law >= 2 else 0.0)
+        power = u / R / rise if law in (0, 2) else u / R * rise
         return [(power - LAM * t) / C_TH, *mechanics(x, v, t, K * x)]
 
     return rates, START

@@ -47,7 +47,7 @@ class DriveDeadZone(Mechanism):
             unit="1",
             description="how sharply the gate opens (law gate)",
             typical=8.0,
-            bounds=(1.5, 80.0),
+            bounds=(1.5, 500.0),
             null=8.0,
             spread=1.0,
         ),

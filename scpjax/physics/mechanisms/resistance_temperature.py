@@ -1,5 +1,7 @@
 """The heating wire's resistance rises with its temperature."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from scpjax.parameter import Parameter
@@ -10,12 +12,19 @@ class ResistanceTemperature(Mechanism):
     name = "resistance_temperature"
     title = "Resistance rises with temperature"
     subsystem = "thermoelectric"
-    equation = "P = P_0 / (1 + alpha T)  (driven by voltage);  P_0 (1 + alpha T)  (driven by current)"
-    source = "thesis (3.13): R = R_0 (1 + alpha (T - T_0)); copper alpha = 0.00404 1/K"
+    equation = (
+        "R/R_0 = 1 + alpha T;  curved: 1 + alpha T + c (alpha T)^2;  "
+        "P = P_0 R_0/R  (driven by voltage);  P_0 R/R_0  (driven by current)"
+    )
+    source = (
+        "thesis (3.13): R = R_0 (1 + alpha (T - T_0)); copper alpha = 0.00404 1/K; "
+        "curved: Callendar-Van Dusen, IEC 60751 (platinum c = -0.04), nickel c = 0.2"
+    )
     says = "The hot wire has a higher resistance, so the same voltage heats it less."
     needs = ("electric", "thermal")
     excited_by = "steady states at several voltages"
-    laws = ("voltage", "current")
+    laws = ("voltage", "current", "voltage, curved", "current, curved")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"curvature": (2, 3)}
     parameters = (
         Parameter(
             name="coefficient",
@@ -27,9 +36,22 @@ class ResistanceTemperature(Mechanism):
             null=0.0,
             spread=1.0,
         ),
+        Parameter(
+            name="curvature",
+            symbol="c",
+            unit="1",
+            description="quadratic part of the rise, in units of the linear part's square (laws curved)",
+            typical=0.0,
+            bounds=(-0.5, 2.0),
+            null=0.0,
+            scale="linear",
+            spread=0.5,
+        ),
     )
-    starts = ((0.004,),)
+    starts = ((0.004, 0.0),)
 
     def power(self, p: Values, view: View, power: Side) -> Side:
-        factor = jnp.maximum(1.0 + p.coefficient * view.temperature, 0.05)
-        return power * jnp.where(p.law == 1, factor, 1.0 / factor)
+        rise = p.coefficient * view.temperature
+        curved = jnp.where(p.law >= 2, p.curvature, 0.0)
+        factor = jnp.maximum(1.0 + rise + curved * rise * rise, 0.05)
+        return power * jnp.where(p.law % 2 == 1, factor, 1.0 / factor)
