@@ -41,6 +41,8 @@ ACTIVE = {
         "loss": 0.8,
         "most": 0.6,
         "acceleration": 1.7,
+        "onset": 0.5,
+        "width": 0.2,
         "reference": 0.0005,
         "reference_temperature": 20.0,
         "reference_time": 6.0,

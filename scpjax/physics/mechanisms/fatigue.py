@@ -6,6 +6,7 @@ import jax.numpy as jnp
 
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
+from scpjax.physics.smooth import rise
 
 _COLD = 1e-6  # of the reference excess, below which nothing ages: a power's slope is finite there
 STROKES = 10.0  # travels of the reference displacement for which the loss is stated
@@ -17,18 +18,20 @@ class Fatigue(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "F = C T (1 - b (1 - exp(-a w/b))), w = 0 at the start;  law strokes: dw/dt = |v|/(10 x_ref);  "
-        "law heat: dw/dt = (max(T, 0)/T_ref)^n / t_ref;  law time: w = t/t_ref"
+        "law heat: dw/dt = (max(T, 0)/T_ref)^n / t_ref;  law time: w = t/t_ref;  "
+        "law onset: dw/dt = (tanh((T/T_ref - c)/d) + tanh(c/d))/2 / t_ref"
     )
     source = (
         "loss of stroke over cycles of twisted and coiled nylon: Haines et al., Science 343 (2014) 868; annealing "
-        "under load: Struik, Physical Aging in Amorphous Polymers and Other Materials, ch. 4"
+        "under load, and its onset at a transition: Struik, Physical Aging in Amorphous Polymers and Other Materials, "
+        "ch. 4"
     )
     says = "With every stroke, or every hot minute, the coil's pull grows weaker."
     needs = ("mechanical",)
     excited_by = "the same input again and again"
     timed = True
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"acceleration": (1,)}
-    laws = ("strokes", "heat", "time")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"acceleration": (1,), "onset": (3,), "width": (3,)}
+    laws = ("strokes", "heat", "time", "onset")
     states = ("wear",)
     parameters = (
         Parameter(
@@ -63,6 +66,26 @@ class Fatigue(Mechanism):
             spread=0.6,
         ),
         Parameter(
+            name="onset",
+            symbol="c",
+            unit="1",
+            description="temperature excess above which it ages, as a share of the reference excess (law onset)",
+            typical=0.4,
+            bounds=(0.03, 1.5),
+            null=0.4,
+            spread=0.7,
+        ),
+        Parameter(
+            name="width",
+            symbol="d",
+            unit="1",
+            description="width of that onset, as a share of the reference excess (law onset)",
+            typical=0.15,
+            bounds=(0.03, 1.0),
+            null=0.15,
+            spread=0.7,
+        ),
+        Parameter(
             name="reference",
             symbol="x_ref",
             unit="m",
@@ -93,7 +116,7 @@ class Fatigue(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.3, 0.6, 1.0, 0.0, 0.0, 0.0),)
+    starts = ((0.3, 0.6, 1.0, 0.4, 0.15, 0.0, 0.0, 0.0),)
 
     def force(self, p: Values, view: View) -> Side:
         wear = p.loss * jnp.where(p.law == 2, view.time / p.reference_time, view.own[0])
@@ -103,7 +126,8 @@ class Fatigue(Mechanism):
         strokes = jnp.abs(view.velocity) / (STROKES * p.reference)
         excess = jnp.maximum(view.temperature / p.reference_temperature, _COLD)
         heat = (excess**p.acceleration - _COLD**p.acceleration) / p.reference_time
-        return (jnp.where(p.law == 0, strokes, heat),)
+        onset = rise(view.temperature / p.reference_temperature, p.onset, p.width) / p.reference_time
+        return (jnp.where(p.law == 0, strokes, jnp.where(p.law == 3, onset, heat)),)
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
         return (jnp.zeros_like(view.displacement),)
