@@ -267,7 +267,11 @@ def _exponential(model: Model, dt: Array | float, substeps: int) -> Advance:
             found[at] = found[at] + load / balances.moving_mass
         return found
 
-    take = etd2(rates, model.core(), step, pattern=coupling(model.structure))
+    def carried(before: States, after: States, drive: Any, step: Array) -> States:
+        return balances.carried(before, after, drive[0], step)
+
+    carry = carried if balances.carries else None
+    take = etd2(rates, model.core(), step, pattern=coupling(model.structure), carried=carry)
 
     def advance(z: States, effort: tuple[Array, ...], load: Array | float) -> States:
         drive: Any = (jnp.stack(effort), load)

@@ -50,7 +50,9 @@ def predict(
         model = eqx.tree_at(lambda m: m.ambient, model, jnp.asarray(meta.ambient_K, model.theta.dtype))
     if method is None:
         own = model.structure.system.substeps if model.structure.system else 1
-        method = Exponential(order=4, substeps=own * (2 if recording.hold != "zero_order" else 1))
+        # of higher order, steps as long as these may go astray where a mechanism saturates within one
+        held = recording.hold == "zero_order"
+        method = Exponential(order=2 if held else 4, substeps=own * (4 if held else 2))
     z0 = _in_motion(model, recording, first_state(model, recording, noise or {}), method)
     outputs = np.asarray(simulate(model, recording, initial=z0, method=method).outputs)
     if not np.all(np.isfinite(outputs)):

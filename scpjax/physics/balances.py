@@ -176,6 +176,21 @@ class Balances:
             parts.append(jnp.ones((), self.dtype))
         return parts
 
+    @property
+    def carries(self) -> bool:
+        """Whether some mechanism knows better than an integrator where a step takes its states."""
+        return any(_has(m, "carried") for m in self.structure.mechanisms)
+
+    def carried(self, z: States, after: States, effort: Float[Array, " sides"], step: Array) -> list[Array]:
+        """The states ``after`` a step [s] from ``z``, with those of mechanisms that know better."""
+        (begins, owns), (ends, ended) = (self._view(at, effort, reaching=True) for at in (z, after))
+        parts = list(after[: len(after) - sum(self.sides * len(own) for own in owns) - self.structure.timed])
+        for m, p, own, end in zip(self.structure.mechanisms, self.values, owns, ended, strict=True):
+            begins.own, ends.own = own, end
+            for state in m.carried(p, begins, ends, step) if _has(m, "carried") else end:
+                parts += self._each(state)
+        return [*parts, *after[len(parts) :]]
+
     def observe(self, z: States, effort: Float[Array, " sides"]) -> list[Array]:
         """Sensor readings in SI: temperatures [K], then displacement [m] or angle [rad]."""
         view, owns = self._view(z, effort)

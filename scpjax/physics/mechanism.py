@@ -157,6 +157,14 @@ class Mechanism(eqx.Module):
         """Time derivatives of this mechanism's own states."""
         return ()
 
+    def carried(self, p: Values, before: View, after: View, step: Array) -> tuple[Side, ...]:
+        """Own states at the end of a step [s] in which the actuator went from ``before`` to ``after``.
+
+        For states that follow a motion so closely that they saturate within a step: their equation solved for a
+        steady motion, in place of what the integrator made of `rates` (``after.own``, which other laws give back).
+        """
+        return after.own
+
     def flows(self, p: Values, view: View) -> dict[str, Side]:
         """What it adds to the rates of the states of a base of one's own, by state: ``view.states`` has them."""
         return {}

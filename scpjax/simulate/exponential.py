@@ -109,15 +109,17 @@ def _combine(*terms: tuple[float, list[Array]]) -> list[Array]:
 
 
 Step = Callable[[list[Array], Array], list[Array]]
+Carry = Callable[[list[Array], list[Array], Float[Array, " sides"], Array], list[Array]]
 
 # The stages of a step are a loop, not one expression: XLA would work out a stage anew for every state of the next.
 
 
-def etd2(rates: Rates, a: Float[Array, "n n"], step: Array, *, pattern: Pattern) -> Step:
+def etd2(rates: Rates, a: Float[Array, "n n"], step: Array, *, pattern: Pattern, carried: Carry | None = None) -> Step:
     """Second order, two evaluations a step, for an effort (sides,) that is constant over each step.
 
     Cox, Matthews, J. Comput. Phys. 176 (2002) 430, equation (22). ``rates`` takes and gives lists of scalars;
-    ``pattern`` says which entries of functions of ``a`` can differ from zero. Returns the map over one step.
+    ``pattern`` says which entries of functions of ``a`` can differ from zero. ``carried(before, after, effort, step)``
+    gives states after a step of which some saturate within it, see `Mechanism.carried`. Returns the map over one step.
     """
     p0, p1, p2, _ = phi_functions(a * step)
     # with n = f - A z: exp(A h) z + h phi_1 n = z + h phi_1 f, and the difference of n at both ends needs no product
@@ -128,12 +130,15 @@ def etd2(rates: Rates, a: Float[Array, "n n"], step: Array, *, pattern: Pattern)
         def stage(carry: Any, share: Array) -> tuple[Any, None]:
             y, f, _ = carry
             y = [place + share * change for place, change in zip(y, first(f), strict=True)]
+            if carried is not None:
+                y = _scalars(carried(z, y, u, share * step), a.dtype)
             return (y, _scalars(rates(y, u), a.dtype), f), None
 
         nothing = [jnp.zeros((), a.dtype)] * len(z)
         # at z itself, then where the rates there lead
         (predicted, f1, f0), _ = jax.lax.scan(stage, (z, nothing, nothing), jnp.arange(2.0, dtype=a.dtype))
-        return _combine((1.0, predicted), (1.0, second(f1)), (-1.0, back(f0)))
+        after = _combine((1.0, predicted), (1.0, second(f1)), (-1.0, back(f0)))
+        return after if carried is None else _scalars(carried(z, after, u, step), a.dtype)
 
     return advance
 

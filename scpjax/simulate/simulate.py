@@ -69,7 +69,9 @@ def stepper(
         nodes = delayed(nodes, step, model.delay(), grid.constant, before)
     a, pattern = model.core(), coupling(model.structure)
     if order == 2 and grid.constant:
-        return etd2(model.balances(step=step).rates, a, step, pattern=pattern), nodes[:, 0, :]
+        balances = model.balances(step=step)
+        carried = balances.carried if balances.carries else None
+        return etd2(balances.rates, a, step, pattern=pattern, carried=carried), nodes[:, 0, :]
     return etd4(model.balances(step=step / 2).rates, a, step, pattern=pattern), nodes
 
 

@@ -17,6 +17,7 @@ from sim_cases import (
     driven_by_power,
     extended,
     multilevel,
+    recorded,
     smooth,
     with_active,
     worst,
@@ -99,6 +100,28 @@ def test_order_of_convergence(order):
     errors = _adaptive_and_stepped("nonlinear_stiffness", {}, lambda k: Exponential(order=order, substeps=k), (2, 4, 8))
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     np.testing.assert_allclose(orders, order, atol=0.25)
+
+
+@pytest.mark.parametrize("sides", [1, 2])
+def test_creep_that_saturates_within_a_step_is_second_order_from_long_steps_on(sides):
+    """At 30 rad/s its stress passes the activation many times over in a sample of 0.05 s."""
+    base = PLANT if sides == 1 else presets.aaa(PLANT, pulley_radius=0.015)
+    sharp = {"creep.activation": 0.0125, "creep.compliance": 0.33, "creep.time_constant": 38.0}
+    model = with_active(extended(base.structure, "creep"), "creep", 4).replace(sharp)
+    recording = multilevel(hold_s=1.0, duration=20.0)
+    if sides == 2:
+        first = recording.inputs[:, 0]
+        drives = {"voltage_agonist_V": first, "voltage_antagonist_V": first[::-1].copy()}
+        recording = recorded(recording.time, drives)
+    z0 = model.initial(temperature=10.0)
+    moving = slice(0, sides + 1)
+    wanted = simulate(model, recording, initial=z0, method=Adaptive()).states[:, moving]
+    errors = [
+        worst(simulate(model, recording, initial=z0, method=Exponential(order=2, substeps=k)).states[:, moving], wanted)
+        for k in (1, 2, 4, 8)
+    ]
+    assert errors[0] < 5e-3
+    np.testing.assert_allclose(np.log2(np.array(errors[1:-1]) / errors[2:]), 2.0, atol=0.3)
 
 
 def test_delay_that_is_no_multiple_of_the_step_converges():

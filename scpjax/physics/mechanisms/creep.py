@@ -3,6 +3,7 @@
 from typing import ClassVar
 
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
@@ -126,6 +127,17 @@ class Creep(Mechanism):
             jnp.where(p.law == 4, activated, ahead / time),
             (slow_compliance * immediate - slow) / (ratio * p.time_constant),
         )
+
+    def carried(self, p: Values, before: View, after: View, step: Array) -> tuple[Side, ...]:
+        """Law activated, solved for a steady velocity: dw/dt = a (1 - w^2) - b w, a Riccati equation."""
+        w, slow = _within(before.own[0]), after.own[1]
+        moved = after.displacement - before.displacement
+        a = p.compliance * moved / (2.0 * p.activation * p.reference)
+        b = (1.0 + p.compliance) * step / p.time_constant
+        d = jnp.sqrt(b * b + 4.0 * a * a + 1e-30)
+        t = jnp.tanh(0.5 * d)
+        solved = (w * (d - b * t) + 2.0 * a * t) / (d + (b + 2.0 * a * w) * t)
+        return jnp.where(p.law == 4, solved, after.own[0]), slow
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
         quick, slow, _ = self._branches(p)
