@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,6 +20,8 @@ from scpjax.simulate.drive import drive_values, effort
 from scpjax.simulate.simulate import Exponential, Method, simulate
 from scpjax.units import parse_column
 
+_HALVINGS = 5  # of a step of prediction, at most
+_CHANGED = 0.01  # of an output's standard deviation, by which it may change when the steps are halved
 _CLEAR = 4.0  # standard deviations from rest beyond which a first sample says that the actuator was not at rest
 
 
@@ -48,13 +50,13 @@ def predict(
     meta = recording.metadata
     if meta.ambient_K is not None:
         model = eqx.tree_at(lambda m: m.ambient, model, jnp.asarray(meta.ambient_K, model.theta.dtype))
-    if method is None:
-        own = model.structure.system.substeps if model.structure.system else 1
-        # of higher order, steps as long as these may go astray where a mechanism saturates within one
-        held = recording.hold == "zero_order"
-        method = Exponential(order=2 if held else 4, substeps=own * (4 if held else 2))
-    z0 = _in_motion(model, recording, first_state(model, recording, noise or {}), method)
-    outputs = np.asarray(simulate(model, recording, initial=z0, method=method).outputs)
+    first = first_state(model, recording, noise or {})
+
+    def outputs_by(method: Method) -> np.ndarray:
+        z0 = _in_motion(model, recording, first, method)
+        return np.asarray(simulate(model, recording, initial=z0, method=method).outputs)
+
+    outputs = _resolved(model, recording, outputs_by) if method is None else outputs_by(method)
     if not np.all(np.isfinite(outputs)):
         raise ModelError(
             "the simulation left all bounds",
@@ -65,6 +67,25 @@ def predict(
     for column, j, scale, offset in _columns(model, recording, response_columns):
         named[column] = (outputs[:, j] - offset) / scale
     return np.asarray(recording.time), named
+
+
+def _resolved(model: Model, recording: Recording, outputs_by: Callable[[Exponential], np.ndarray]) -> np.ndarray:
+    """Outputs (n, outputs) by steps that are short enough: where what resists motion may saturate within one, and an
+    explicit step go astray, they are halved until that changes nothing.
+    """
+    s = model.structure
+    substeps = s.system.substeps if s.system else 1
+    # of higher order, steps as long as a sample may go astray where a mechanism saturates within one
+    order, substeps = (2, 4 * substeps) if recording.hold == "zero_order" else (4, 2 * substeps)
+    outputs = outputs_by(Exponential(order=order, substeps=substeps))
+    if not any(m.states and m.subsystem == "thermomechanical" for m in s.mechanisms if not m.is_base):
+        return outputs
+    for _ in range(_HALVINGS):
+        substeps *= 2
+        coarse, outputs = outputs, outputs_by(Exponential(order=order, substeps=substeps))
+        if np.all(np.std(outputs - coarse, axis=0) <= _CHANGED * np.std(outputs, axis=0)):
+            break
+    return outputs
 
 
 def first_state(model: Model, recording: Recording, noise: Mapping[str, float]):
