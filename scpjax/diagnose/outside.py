@@ -13,6 +13,7 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Latent
 from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State, misfit, without
+from scpjax.fit.identifiability import estimates, uncertainty
 
 AT_NOISE = 1.15  # ratio of residual to noise, in some column, up to which nothing more is asked for
 _LITTLE_LEFT = 0.05  # of the held-out misfit in excess of the noise: what names may leave unsought
@@ -74,7 +75,10 @@ def beyond_names(
     correction does better in its place, and so is one of which beside the closure nothing stays.
     """
     choice, learned = _beyond(parts, base, choice, rules, where)
-    gone = [] if learned is None else [n for n in choice.state.names if at_its_least(learned.state, n)]
+    if learned is None:
+        return choice, None
+    corrected = form_at_most(base, choice.state, parts)  # which can do what the law it corrects does
+    gone = [n for n in choice.state.names if _nothing_stays(learned.state, n, parts, at_least_only=corrected)]
     if not gone:
         return choice, learned
     state = choice.state
@@ -105,6 +109,20 @@ def _beyond(
     if better or (left > allowed * whole and level(choice.state, parts) > _CLEARLY):
         return Choice(base, choice.ranking, {}, {}, given_up=(choice.state.names, left / whole)), alone
     return choice, closure(choice.state, parts, rules)
+
+
+def _nothing_stays(state: State, name: str, parts: Split, *, at_least_only: bool) -> bool:
+    """Whether a name has come to nothing beside a closure: fitted to the least that counts as a strength, or to what
+    the data do not tell from none (all its 95 % intervals hold zero).
+    """
+    if at_its_least(state, name) or at_least_only:
+        return at_its_least(state, name)
+    m, setup = state.setup.structure.mechanism(name), state.setup
+    strengths = [p for p in m.free_parameters(m.laws.index(state.laws[name])) if p.null == 0.0]
+    if not strengths or any(p.bounds[0] > 0.0 for p in strengths):  # on a logarithmic scale none is infinitely far
+        return False
+    found = estimates(state.trial, setup.space, uncertainty(state.trial, parts.train, setup.space))
+    return all(found[key].low <= 0.0 <= found[key].high for key in (f"{name}.{p.name}" for p in strengths))
 
 
 def form_rather_than_name(

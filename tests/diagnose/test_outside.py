@@ -224,6 +224,31 @@ def test_a_name_of_which_nothing_stays_beside_the_closure_is_taken_out(monkeypat
     assert found is learned
 
 
+@pytest.mark.parametrize(
+    ("drift", "little_left", "stays"), [(0.0, False, False), (0.5, False, True), (0.0, True, True)]
+)
+def test_a_name_that_the_data_do_not_tell_from_none_beside_the_closure_is_taken_out(
+    monkeypatch, drift, corrects, stays
+):
+    """Unless the closure is a correction of its law, which can do what the law does."""
+    base, parts = rubbed()
+    named = added(base, "ambient_drift", parts)
+    setup, values = named.setup, named.values
+    values[setup.structure.index["ambient_drift.drift"]] = drift
+    trial = setup.trial(values, np.asarray(named.trial.active), np.asarray(named.trial.laws), len(named.trial.index))
+    learned = SimpleNamespace(state=replace(named, trial=trial))
+    monkeypatch.setattr(outside, "closure", lambda *_: learned)
+    monkeypatch.setattr(outside, "_CLEARLY", np.inf)
+    monkeypatch.setattr(outside, "_FAR_BETTER", 0.0)
+    monkeypatch.setattr(outside, "form_at_most", lambda *_: corrects)
+    monkeypatch.setattr(outside, "_NEAR_NOISE", np.inf)
+    choice, found = beyond_names(
+        parts, base, Choice(named, (), {"ambient_drift": 0.9}, {}), Evidence(), ["thermoelectric"]
+    )
+    assert choice.state.names == (("ambient_drift",) if stays else ())
+    assert found is learned
+
+
 def test_a_law_of_another_form_is_named_and_corrected():
     """A loss that sets in between two temperatures is no power of them: the name stays, a correction is learned."""
 
