@@ -7,7 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from fits.concealed.effect import MOVING, Effect, Now, State
+from fits.concealed.effect import MOVING, WARM, Effect, Now, State
+from fits.concealed.plants import FULL_DRIVE
 
 
 class Outside(Effect):
@@ -156,3 +157,70 @@ class ScaleRipple(Outside):
 
     def sense_displacement(self, now: Now, metre: float, own: State) -> float:
         return metre + self.strength * self.plant.travel * sin(2 * pi * metre / self.pitch)
+
+
+class HeaterPickup(Outside):
+    """The thermometer's leads run beside the heater's: reading T + s T_max u/U."""
+
+    name, subsystem = "heater_pickup", "sensor"
+    laws: ClassVar = {"in_step": WARM}
+    first_guess, most = 0.02, 0.5
+
+    def sense_temperature(self, now: Now, kelvin: float, own: State) -> float:
+        return kelvin + self.strength * self.plant.hottest * now.u / FULL_DRIVE
+
+
+class ClippedThermometer(Outside):
+    """Its amplifier nears its rail: beyond a temperature the reading rises by 1 - s of what it should."""
+
+    name, subsystem = "clipped_thermometer", "sensor"
+    laws: ClassVar = {"bent": WARM}
+    first_guess, most = 0.2, 1.0
+
+    def draw(self, rng: np.random.Generator) -> None:
+        self.from_here = self.between(rng, "linear_share", 0.3, 0.55) * self.plant.hottest
+
+    def sense_temperature(self, now: Now, kelvin: float, own: State) -> float:
+        return kelvin - self.strength * max(kelvin - self.from_here, 0.0)
+
+
+class WaveringSupply(Outside):
+    """A supply that swings slowly by itself: volts (1 + s sin(2 pi t/p + phase))."""
+
+    name, subsystem = "wavering_supply", "drive"
+    laws: ClassVar = {"sine": WARM}
+    first_guess, most = 0.05, 0.5
+
+    def draw(self, rng: np.random.Generator) -> None:
+        self.pace = 2 * pi / self.between(rng, "period_s", 7.0, 30.0)
+        self.phase = self.between(rng, "phase", 0.0, 2 * pi)
+
+    def volts(self, now: Now, u: float, own: State) -> float:
+        return u * (1 + self.strength * sin(self.pace * now.t + self.phase))
+
+
+class Draught(Outside):
+    """A coil that moves fans itself: lambda (1 + s |v| tau/X)."""
+
+    name, subsystem = "draught", "thermoelectric"
+    laws: ClassVar = {"speed": ("full", "joint")}
+    first_guess, most = 1.0, 40.0
+
+    def heat(self, now: Now, own: State) -> float:
+        p = self.plant
+        return -p.conductance * now.T * self.strength * abs(now.v) * p.settling / p.travel
+
+
+class StiffGrease(Outside):
+    """Grease that thins as it warms: force -c v, c = s k tau 2^(-T/T_half)."""
+
+    name, subsystem = "stiff_grease", "thermomechanical"
+    laws: ClassVar = {"thinning": ("full", "joint")}
+    first_guess, most = 0.1, 8.0
+
+    def draw(self, rng: np.random.Generator) -> None:
+        self.halved = self.between(rng, "halving_share", 0.06, 0.2) * self.plant.hottest
+
+    def force(self, now: Now, own: State) -> float:
+        p = self.plant
+        return -self.strength * p.stiffness * p.settling * now.v * 2.0 ** (-max(now.T, 0.0) / self.halved)
