@@ -7,7 +7,7 @@ made, so that one step of a simulation holds only what it must.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -238,19 +238,22 @@ class Balances:
         """
         if not self.structure.thermal:
             return first
+        found = self._keeping(z)
+        asked, (view, owns) = jnp.reshape(found, self._shape), self._view(z, found, reaching=True)
+        for m, p, own in reversed(list(zip(self.structure.mechanisms, self.values, owns, strict=True))):
+            view.own = own
+            asked = m.effort_for(p, view, asked)
+        return jnp.reshape(asked, (self.sides,))
+
+    def _keeping(self, z: States) -> Float[Array, " sides"]:
+        """Effort at the wire that keeps the heated nodes of a state as warm as they are."""
         flows = []
         for effort in (jnp.zeros(self.sides, self.dtype), jnp.ones(self.sides, self.dtype)):
             view, owns = self._view(z, effort, reaching=True)
             self._heat(view, owns)
             flows.append(jnp.broadcast_to(view.heat, (self.sides,)))
         found = -flows[0] / (flows[1] - flows[0])
-        if self.structure.drive != "gain":
-            found = jnp.maximum(found, 0.0)
-        asked, (view, owns) = jnp.reshape(found, self._shape), self._view(z, found, reaching=True)
-        for m, p, own in reversed(list(zip(self.structure.mechanisms, self.values, owns, strict=True))):
-            view.own = own
-            asked = m.effort_for(p, view, asked)
-        return jnp.reshape(asked, (self.sides,))
+        return found if self.structure.drive == "gain" else jnp.maximum(found, 0.0)
 
     def _begun(self, own: Array | None) -> list[Array]:
         """States that a system begins in, zero where none are given; none without a system."""
@@ -279,15 +282,27 @@ class Balances:
         def at(x: Array, v: Array, beside: Number = 0.0) -> list[Array]:
             """State at a coordinate ``beside`` the equilibrium, own states as after a long time there."""
             moving = [x, v] if self.structure.mechanical else []
-            view, owns = self._view([*heat, *moving, *begun, *[zero] * (n_own - len(begun)), *clock], effort)
-            view.felt = self._fold("felt_temperature", view.temperature, view, owns)
-            view.displaced = self._signed(jnp.asarray(beside, self.dtype))
-            states: list[Array] = []
-            for m, p in zip(self.structure.mechanisms, self.values, strict=True):
-                given = begun if m is self.structure.system else m.initial(p, view) if m.states else ()
-                for start in given:
-                    states += self._each(jnp.asarray(start))
-            return [*heat, *moving, *states, *clock]
+            states: dict[str, list[Array]] = {}
+
+            def seen(parts: States, effort: Array, reaching: bool = False) -> View:
+                view, owns = self._view([*heat, *moving, *parts, *clock], effort, reaching)
+                view.felt = self._fold("felt_temperature", view.temperature, view, owns)
+                view.displaced = self._signed(jnp.asarray(beside, self.dtype))
+                return view
+
+            def begin(view: View, among: Callable[[Mechanism], bool]) -> list[Array]:
+                for m, p in zip(self.structure.mechanisms, self.values, strict=True):
+                    if m.states and among(m):
+                        given = begun if m is self.structure.system else m.initial(p, view)
+                        states[m.name] = [part for start in given for part in self._each(jnp.asarray(start))]
+                return [part for mine in states.values() for part in mine]
+
+            parts = begin(seen([*begun, *[zero] * (n_own - len(begun))], effort), lambda m: True)
+            if self.structure.thermal and any(m.states and _has(m, "effort") for m in self.structure.mechanisms):
+                # what remembers the drive remembers what has kept it so warm
+                kept = self._keeping([*heat, *moving, *parts, *clock])
+                parts = begin(seen(parts, kept, reaching=True), lambda m: _has(m, "effort"))
+            return [*heat, *moving, *parts, *clock]
 
         x = v = zero
         if self.structure.mechanical:

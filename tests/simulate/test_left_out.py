@@ -84,6 +84,32 @@ def test_both_actuators_of_a_joint_draw_on_one_supply():
     np.testing.assert_allclose(model.rates(warm, asked)[:2], 0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("name", "law", "own", "rtol"),
+    [
+        ("supply_sag", 2, {"sag": 0.3, "time_constant": 2.0, "reference": 5.0}, 0.03),
+        ("input_delay", 1, {"time": 1.5, "share": 0.8}, 1e-4),
+    ],
+)
+@pytest.mark.parametrize("sides", [1, 2])
+def test_what_remembers_the_drive_begins_as_what_has_kept_it_warm_left_it(name, law, own, rtol, sides):
+    base = PLANT if sides == 1 else presets.aaa(PLANT, pulley_radius=0.015)
+    structure = extended(base.structure, name)
+    laws = [float(law) * (m.name == name) for m in structure.mechanisms]
+    model = Model(structure, laws=laws).replace(base.values() | {f"{name}.{k}": v for k, v in own.items()})
+    volts = (4.0, 3.0)[:sides]
+    drives = ("voltage_V",) if sides == 1 else ("voltage_agonist_V", "voltage_antagonist_V")
+    time = np.arange(0, 120, 0.05)
+    long = recorded(time, {d: np.full(len(time), v) for d, v in zip(drives, volts, strict=True)})
+    ended = np.asarray(simulate(model, long).states)[-1]
+    found = np.asarray(model.initial(temperature=jnp.asarray(ended[:sides])))
+    mine = [i for i, state in enumerate(structure.state_names) if "drawn" in state or "lagged" in state]
+    assert mine
+    assert np.all(ended[mine] > 0.3)
+    np.testing.assert_allclose(found[mine], ended[mine], rtol=rtol)
+    np.testing.assert_array_less(np.asarray(model.initial())[mine], 1e-5)
+
+
 def test_a_link_pulls_its_joint_back_as_a_pendulum():
     """At rest: 2 k x + a k x_ref (sin(phi_0 + x/r) - sin(phi_0)) = C (T_1 - T_2), so it turns further up than down."""
     base = presets.aaa(PLANT, pulley_radius=0.015)

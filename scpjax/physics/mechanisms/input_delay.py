@@ -71,4 +71,4 @@ class InputDelay(Mechanism):
         return tuple(pace * (a - b) for a, b in zip((arriving, *view.own[:-1]), view.own, strict=True))
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
-        return (jnp.sqrt(jnp.maximum(view.asked, 0.0)),) * LAGS
+        return (jnp.sqrt(jnp.maximum(view.asked, 0.0) + FLOOR),) * LAGS

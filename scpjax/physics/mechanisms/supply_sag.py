@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
+LITTLE = 0.01  # of the greatest power
 LEAST = 0.05  # of the volts, that the supply gives in any case
 
 
@@ -97,4 +98,7 @@ class SupplySag(Mechanism):
         return (jnp.where(p.law == 1, given / p.reference_time, (given - view.own[0]) / p.time_constant),)
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
-        return (jnp.zeros_like(view.effort),)
+        """As long drained by what has kept it so warm (law polarisation): what it had given by then is not known."""
+        share = jnp.maximum(view.effort, 0.0) / p.reference**2
+        # nearly its root, but for the little that a cold one's temperature is uncertain by
+        return (jnp.where(p.law == 2, share / jnp.sqrt(share + LITTLE), 0.0),)
