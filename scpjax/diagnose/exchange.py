@@ -10,20 +10,36 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.screen import screen
-from scpjax.diagnose.select import Choice, prune
-from scpjax.diagnose.trials import State, afresh, without
+from scpjax.diagnose.select import FAR, Choice, prune
+from scpjax.diagnose.trials import State, afresh, at_noise, in_order, without
 from scpjax.fit.setup import Setup
 
 _BY_PROMISE, _BY_RANK = 2, 1  # tried in the place of a name
+_BY_PROMISE_FAR = 4  # where what is named ends away from the noise
+_PASSES = 2
 _PROMISE = 0.3  # of what the name promises beside the others, which one that is tried must promise at least
 
 
 def exchanged(choice: Choice, base: State, split: Split, rules: Evidence, catalogue: Setup) -> Choice:
     """The choice with names in whose place another does better beside the rest, and as equivalents those that do as
     well; nothing for a single name, which its own round has compared.
+
+    Away from the noise every name is asked for its law again, too, and once more where that has changed.
     """
     if len(choice.state.names) < 2:
         return choice
+    first = choice.state.names[0]
+    for _ in range(_PASSES):
+        laws = choice.state.laws
+        choice = _each_exchanged(choice, base, split, rules, catalogue)
+        if choice.state.laws == laws or not _is_far(choice.state, split):
+            break
+    if first in choice.state.names[1:]:
+        choice = replace(choice, state=in_order(choice.state, first, split))
+    return choice
+
+
+def _each_exchanged(choice: Choice, base: State, split: Split, rules: Evidence, catalogue: Setup) -> Choice:
     for name in choice.state.names:
         state = choice.state
         if len(state.names) < 2:
@@ -32,10 +48,14 @@ def exchanged(choice: Choice, base: State, split: Split, rules: Evidence, catalo
             continue
         bare = without(state, name, split)
         found: dict[str, State] = {name: state}
-        for other in in_its_place(name, bare, choice.ranking, split, rules, catalogue):
+        far = _is_far(state, split)
+        again = [name] if far else []
+        for other in again + in_its_place(name, bare, choice.ranking, split, rules, catalogue, far=far):
             fitted = next(iter(by_law(bare, other, split).values()), None)  # None where every fit blew up
             after = None if fitted is None else prune(afresh(fitted, split), split, rules)
-            if after is not None and other in after.names:
+            if after is None or other not in after.names:
+                continue
+            if other != name or is_better(after, state, split, rules):
                 found[other] = after
         best = name
         for other, after in found.items():
@@ -46,16 +66,28 @@ def exchanged(choice: Choice, base: State, split: Split, rules: Evidence, catalo
     return choice
 
 
+def _is_far(state: State, split: Split) -> bool:
+    """Whether a hypothesis ends away from the noise."""
+    return not at_noise(state, split, FAR)
+
+
 def in_its_place(
-    name: str, bare: State, ranking: Sequence[Ranked], split: Split, rules: Evidence, catalogue: Setup
+    name: str,
+    bare: State,
+    ranking: Sequence[Ranked],
+    split: Split,
+    rules: Evidence,
+    catalogue: Setup,
+    *,
+    far: bool = False,
 ) -> list[str]:
     """What may stand in the place of a name: what promises most beside the other names, ``bare``, and what had
-    evidence in the round in which the name was the best.
+    evidence in the round in which the name was the best. More where all names together end ``far`` from the noise.
     """
     candidates = [m for m in catalogue.structure.mechanisms if not m.is_base and m.name not in bare.names]
     promise = {p.mechanism.name: p.gain for p in screen(bare, split, catalogue, candidates)}
     enough = _PROMISE * promise.get(name, 0.0)
-    first = [n for n, gain in promise.items() if n != name and gain > enough][:_BY_PROMISE]
+    first = [n for n, gain in promise.items() if n != name and gain > enough][: _BY_PROMISE_FAR if far else _BY_PROMISE]
     then = [n for n in accepted_beside(ranking, name, rules) if n not in first and n not in bare.names]
     return first + then[:_BY_RANK]
 

@@ -33,7 +33,8 @@ _STRAIGHT = 1.3  # mean square, in units of the noise's, up to which a base mode
 _CLOSE = 20.0  # difference of BIC (10 nats) up to which two mechanisms are close
 _WAYS = 2  # gone at a time
 _OTHERS = 2  # gone where the best one ends away from the noise
-_FAR = 1.15**2  # mean square, in units of the noise's, above which it does
+FAR = 1.15**2
+"""Mean square, in units of the noise's, above which a hypothesis ends away from it."""
 
 
 def try_all(
@@ -181,7 +182,7 @@ def choose(
         others = (b for b in further if not b.ended and set(b.state.names) != set(leader.state.names))
         branches = [leader, *others][:_WAYS]
     leader = leaders[-1]
-    if leader.state.names and not at_noise(leader.state, split, _FAR):
+    if leader.state.names and not at_noise(leader.state, split, FAR):
         leader = _by_another_way(search, rounds[0][0], leaders, tell)
     return _choice(leader)
 

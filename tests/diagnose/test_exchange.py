@@ -23,8 +23,12 @@ CATALOGUE = SimpleNamespace(
 )
 
 
-def state(names, cost):
-    return SimpleNamespace(names=tuple(names), cost=cost)
+def state(names, cost, law=""):
+    return SimpleNamespace(names=tuple(names), cost=cost, laws=dict.fromkeys(names, law))
+
+
+def again(s, cost):
+    return SimpleNamespace(names=s.names, cost=cost, laws=s.laws)
 
 
 def chosen(names, cost):
@@ -51,11 +55,37 @@ def swaps(monkeypatch):
     monkeypatch.setattr(exchange, "without", lambda s, name, _: state([n for n in s.names if n != name], 1e9))
     monkeypatch.setattr(exchange, "by_law", by_law)
     monkeypatch.setattr(exchange, "screen", screen)
-    monkeypatch.setattr(exchange, "afresh", lambda s, _: state(s.names, fresh.get(s.names[-1], s.cost)))
+    monkeypatch.setattr(exchange, "afresh", lambda s, _: again(s, fresh.get(s.names[-1], s.cost)))
     monkeypatch.setattr(exchange, "prune", lambda s, *_: s)
+    monkeypatch.setattr(exchange, "at_noise", lambda *_: True)
+
+    def in_order(s, first, split):
+        return state([first, *(n for n in s.names if n != first)], s.cost)
+
+    monkeypatch.setattr(exchange, "in_order", in_order)
     monkeypatch.setattr(exchange, "is_better", lambda a, b, *_: a.cost < b.cost)
     monkeypatch.setattr(exchange, "are_equal", lambda a, b, *_: abs(a.cost - b.cost) < 5.0)
     return SimpleNamespace(costs=costs, promise=promise, tried=tried, fresh=fresh)
+
+
+def test_away_from_the_noise_names_are_asked_for_their_laws_again(swaps, monkeypatch):
+    choice = chosen(("a", "e"), 100.0)
+    assert after_exchange(choice).state is choice.state
+    monkeypatch.setattr(exchange, "at_noise", lambda s, *_: s.cost < 40.0)
+    laws = {"a": iter([60.0, 30.0]), "e": iter([200.0, 200.0])}  # what it costs under the best of them, each time
+
+    def by_law(bare, name, split):
+        swaps.tried.append((*bare.names, name))
+        cost = next(laws[name]) if name in laws else 1e9
+        return {name: state([*bare.names, name], cost, f"law {cost}")}
+
+    monkeypatch.setattr(exchange, "by_law", by_law)
+    swaps.tried.clear()
+    found = after_exchange(choice)
+    assert [t for t in swaps.tried if t[-1] in laws] == [("e", "a"), ("a", "e"), ("a", "e"), ("e", "a")]
+    assert found.state.cost == 30.0
+    assert found.state.names == ("a", "e")
+    assert found.probability == choice.probability
 
 
 def test_what_had_evidence_in_the_round_of_a_name_stands_beside_it():
@@ -68,6 +98,8 @@ def test_what_promises_most_beside_the_others_is_tried_and_what_had_evidence(swa
     swaps.promise |= {"f": 80.0, "g": 60.0, "c": 40.0, "d": 10.0}
     tried = in_its_place("a", state(["e"], 1.0), RANKING, None, Evidence(), CATALOGUE)  # type: ignore[arg-type]
     assert tried == ["f", "g", "b"]
+    tried = in_its_place("a", state(["e"], 1.0), RANKING, None, Evidence(), CATALOGUE, far=True)  # type: ignore[arg-type]
+    assert tried == ["f", "g", "c", "b"]
     swaps.promise |= {"f": 29.0, "g": 20.0, "c": 0.0}  # of the 100 that the name itself promises
     tried = in_its_place("a", state(["e"], 1.0), RANKING, None, Evidence(), CATALOGUE)  # type: ignore[arg-type]
     assert tried == ["b"]
