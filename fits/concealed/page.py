@@ -31,16 +31,16 @@ def write_page(
     *,
     commit: str,
     of: int,
-    asked: str = "",
+    asked: Sequence[str] = (),
     seen: Collection[str] = (),
 ) -> Path:
     """``concealed.md`` and ``concealed/*.svg`` in a folder; ``seen``: names of cases that are counted apart."""
     pictures = folder / "concealed"
     pictures.mkdir(parents=True, exist_ok=True)
-    command = f"python fits/concealed/run.py {asked}".strip()
+    commands = " and ".join(f"`{f'python fits/concealed/run.py {options}'.strip()}`" for options in asked or [""])
     text = [
         "# Concealed physics: can it be named?\n",
-        f"Made by `{command}`: {len(scores)} of the plan's {of} cases, commit {commit}.\n",
+        f"Made by {commands}: {len(scores)} of the plan's {of} cases, commit {commit}.\n",
         _WHAT,
         "## What was asked\n",
         *_goals(scores, seen),

@@ -41,15 +41,22 @@ Job = tuple[str, str, str]  # name, method, sealed hash
 
 class Run:
     """One run over some cases. ``way``: library or command; ``limit``: seconds for one answer; ``asked``: the options
-    that chose the cases."""
+    that chose the cases, of each of the runs that are scored together."""
 
     def __init__(
-        self, cases: Sequence[Case], out: Path, *, way: str, methods: Sequence[str], limit: float, asked: str = ""
+        self,
+        cases: Sequence[Case],
+        out: Path,
+        *,
+        way: str,
+        methods: Sequence[str],
+        limit: float,
+        asked: Sequence[str] = (),
     ):
         self.cases, self.out, self.way, self.methods, self.limit = list(cases), out, way, list(methods), limit
         self.store = Store(out)
         self.sealed = {c.name: verify(out / "cases", c.name) for c in self.cases}
-        self.commit, self.asked = _commit(), asked
+        self.commit, self.asked = _commit(), list(asked)
 
     def truth(self, name: str) -> dict[str, Any]:
         """What was concealed."""
@@ -172,10 +179,12 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--limit", metavar="S", type=float, default=1200, help="seconds for one answer (%(default)s)")
     parser.add_argument("--no-baselines", action="store_true", help="scpjax only")
     parser.add_argument("--retry", action="store_true", help="ask again where the answer was an error")
-    parser.add_argument("--score-only", action="store_true", help="score what is there")
+    parser.add_argument(
+        "--score-only", action="store_true", help="score what is there; without a selection all of it, of several runs"
+    )
     given = parser.parse_args(argv)
-    if not (given.all or given.cases or given.only or given.sort or given.seeds or given.unseen):
-        given.subset = True
+    if not (given.all or given.cases or given.only or given.sort or given.seeds or given.unseen or given.subset):
+        given.subset, given.all = not given.score_only, given.score_only
     return given
 
 
@@ -211,8 +220,12 @@ def main(argv: Sequence[str] | None = None) -> None:
         generate(cases, given.out / "cases", workers=given.workers)
     else:
         cases = [c for c in cases if (given.out / "cases" / c.name / "truth.json").exists()]
+    options, store = _asked(given), Store(given.out)
+    if not given.score_only:
+        store.note(options)
+    asked = store.notes() if given.score_only and given.all else [options]
     try:
-        run = Run(cases, given.out, way=given.way, methods=methods, limit=given.limit, asked=_asked(given))
+        run = Run(cases, given.out, way=given.way, methods=methods, limit=given.limit, asked=asked)
     except BrokenSeal as error:
         print(error, file=sys.stderr)
         raise SystemExit(2) from None

@@ -16,6 +16,17 @@ class Store:
     def __init__(self, out: Path):
         self.out = out
 
+    def notes(self) -> list[str]:
+        """Options of the runs that put answers there."""
+        path = self.out / "asked.json"
+        return json.loads(path.read_text(encoding="utf-8"))["options"] if path.exists() else []
+
+    def note(self, options: str) -> None:
+        """One more run."""
+        known = self.notes()
+        if options not in known:
+            write_whole(self.out / "asked.json", {"options": [*known, options]})
+
     def path(self, name: str, method: str) -> Path:
         """Where an answer lies."""
         return self.out / "answers" / f"{name}.{method}.json"

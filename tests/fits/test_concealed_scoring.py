@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 
 import numpy as np
 import pytest
@@ -156,8 +157,10 @@ def test_the_page_shows_every_case(tmp_path):
     assert len(set(words)) == len(words)
     assert counts[effects.index("nothing"), words.index("nothing")] == 1
     assert counts[effects.index("coil"), words.index("something unnamed")] == 1
-    page = write_page(tmp_path, scores, {"narx": {"a": 1.5, "b": math.inf}}, commit="abc", of=515, seen={"b"})
+    others, asked = {"narx": {"a": 1.5, "b": math.inf}}, ["--unseen --cases 60", "--sort outside"]
+    page = write_page(tmp_path, scores, others, commit="abc", of=515, asked=asked, seen={"b"})
     text = page.read_text()
+    assert "run.py --unseen --cases 60` and `python fits/concealed/run.py --sort outside`: 4 of" in text
     for name in ("confusion", "kept", "calibration"):
         assert f"concealed/{name}.svg" in text
         assert (tmp_path / "concealed" / f"{name}.svg").stat().st_size > 1000
@@ -205,6 +208,24 @@ def test_it_goes_on_where_it_was_stopped(case, monkeypatch):
     assert [s.outcome for s in scores] == ["right"]
     assert others == {"narx": {}}
     assert not list((out / "answers").glob("*.part"))
+
+
+def test_runs_that_are_scored_together_are_told(case, tmp_path, monkeypatch):
+    """Each run notes what it was asked for; all that lies there is scored without a selection."""
+    out, chosen = case
+    shutil.copytree(out / "cases", tmp_path / "cases")
+    monkeypatch.setattr(program, "generate", lambda *args, **others: None)
+    monkeypatch.setattr(Worker, "ask", lambda self, job: said() | {"kept": {}})
+    where = ["--out", str(tmp_path), "--no-baselines"]
+    for options in (["--only", chosen.name], ["--only", chosen.name, "--seeds", str(chosen.seed)]):
+        program.main([*options, *where])
+        assert json.loads((tmp_path / "results.json").read_text())["asked"] == [
+            f"--only '{chosen.name}'" + f" --seeds {chosen.seed}" * (len(options) > 2)
+        ]
+    program.main(["--score-only", *where])
+    found = json.loads((tmp_path / "results.json").read_text())
+    assert [c["name"] for c in found["cases"]] == [chosen.name]
+    assert found["asked"] == [f"--only '{chosen.name}'", f"--only '{chosen.name}' --seeds {chosen.seed}"]
 
 
 def test_answers_belong_to_a_truth(tmp_path):
