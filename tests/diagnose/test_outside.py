@@ -224,9 +224,7 @@ def test_a_name_of_which_nothing_stays_beside_the_closure_is_taken_out(monkeypat
     assert found is learned
 
 
-@pytest.mark.parametrize(
-    ("drift", "little_left", "stays"), [(0.0, False, False), (0.5, False, True), (0.0, True, True)]
-)
+@pytest.mark.parametrize(("drift", "corrects", "stays"), [(0.0, False, False), (0.5, False, True), (0.0, True, True)])
 def test_a_name_that_the_data_do_not_tell_from_none_beside_the_closure_is_taken_out(
     monkeypatch, drift, corrects, stays
 ):

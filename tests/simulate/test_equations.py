@@ -126,7 +126,8 @@ def hysteresis(law):
 
 
 def late(law):
-    """Three lags of 25 ms each in series where the dead time is spread."""
+    """Three lags of 25 ms each in series where the dead time is spread, begun at what keeps it as warm as it is."""
+    kept = np.sqrt(LAM * WARM * R)
 
     def rates(_t, z, u):
         t, x, v, *lagged = z
@@ -135,7 +136,7 @@ def late(law):
         chain = [(a - b) / 0.025 for a, b in zip((np.sqrt(u), *lagged[:-1]), lagged, strict=True)]
         return [(lagged[-1] ** 2 / R - LAM * t) / C_TH, *mechanics(x, v, t, K * x), *chain]
 
-    return rates, (*START, 0.0, 0.0, 0.0)
+    return rates, (*START, kept, kept, kept)
 
 
 EQUATIONS = {
