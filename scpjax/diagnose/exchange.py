@@ -17,6 +17,7 @@ from scpjax.fit.setup import Setup
 _BY_PROMISE, _BY_RANK = 2, 1  # tried in the place of a name
 _BY_PROMISE_FAR = 4  # where what is named ends away from the noise
 _PASSES = 2
+_HOPELESS = 4.0  # sum of squares, in units of that of what it should replace, from which it is not tried again
 _PROMISE = 0.3  # of what the name promises beside the others, which one that is tried must promise at least
 
 
@@ -29,9 +30,10 @@ def exchanged(choice: Choice, base: State, split: Split, rules: Evidence, catalo
     if len(choice.state.names) < 2:
         return choice
     first = choice.state.names[0]
+    hopeless: set[tuple[str, str]] = set()
     for _ in range(_PASSES):
         laws = choice.state.laws
-        choice = _each_exchanged(choice, base, split, rules, catalogue)
+        choice = _each_exchanged(choice, base, split, rules, catalogue, hopeless)
         if choice.state.laws == laws or not _is_far(choice.state, split):
             break
     if first in choice.state.names[1:]:
@@ -39,7 +41,14 @@ def exchanged(choice: Choice, base: State, split: Split, rules: Evidence, catalo
     return choice
 
 
-def _each_exchanged(choice: Choice, base: State, split: Split, rules: Evidence, catalogue: Setup) -> Choice:
+def _each_exchanged(
+    choice: Choice, base: State, split: Split, rules: Evidence, catalogue: Setup, hopeless: set[tuple[str, str]]
+) -> Choice:
+    """Every name exchanged in turn; ``hopeless`` collects what did so badly in whose place that it is tried no more."""
+
+    def alike(a: State, b: State) -> bool:
+        return are_equal(a, b, base, split, rules)
+
     for name in choice.state.names:
         state = choice.state
         if len(state.names) < 2:
@@ -49,20 +58,24 @@ def _each_exchanged(choice: Choice, base: State, split: Split, rules: Evidence, 
         bare = without(state, name, split)
         found: dict[str, State] = {name: state}
         far = _is_far(state, split)
-        again = [name] if far else []
-        for other in again + in_its_place(name, bare, choice.ranking, split, rules, catalogue, far=far):
-            fitted = next(iter(by_law(bare, other, split).values()), None)  # None where every fit blew up
-            after = None if fitted is None else prune(afresh(fitted, split), split, rules)
-            if after is None or other not in after.names:
+        others = in_its_place(name, bare, choice.ranking, split, rules, catalogue, far=far)
+        for other in ([name] if far else []) + [o for o in others if (name, o) not in hopeless]:
+            fitted = next(iter(by_law(bare, other, split).values()), None)
+            after = None if fitted is None else afresh(fitted, split)
+            if after is None or after.cost > _HOPELESS * state.cost:  # None where every fit blew up
+                hopeless.add((name, other))
                 continue
-            if other != name or is_better(after, state, split, rules):
+            if not (is_better(after, state, split, rules) or (other != name and alike(after, state))):
+                continue
+            after = prune(after, split, rules)
+            if other in after.names and (other != name or is_better(after, state, split, rules)):
                 found[other] = after
         best = name
         for other, after in found.items():
             if other != best and is_better(after, found[best], split, rules):
                 best = other
-        alike = [o for o, s in found.items() if o != best and are_equal(s, found[best], base, split, rules)]
-        choice = _with(choice, found[best], name, best, alike)
+        equal = [o for o, s in found.items() if o != best and alike(s, found[best])]
+        choice = _with(choice, found[best], name, best, equal)
     return choice
 
 

@@ -88,6 +88,25 @@ def test_away_from_the_noise_names_are_asked_for_their_laws_again(swaps, monkeyp
     assert found.probability == choice.probability
 
 
+def test_what_did_badly_in_the_place_of_a_name_is_tried_once_and_only_what_contends_is_pruned(swaps, monkeypatch):
+    monkeypatch.setattr(exchange, "at_noise", lambda *_: False)
+    swaps.promise |= {"f": 95.0, "g": 92.0}
+    costs = {"a": iter([60.0, 60.0]), "e": iter([200.0, 200.0])}  # a law is changed once: there are two passes
+
+    def by_law(bare, name, split):
+        swaps.tried.append((*bare.names, name))
+        cost = next(costs[name]) if name in costs else {"f": 500.0, "g": 150.0}.get(name, 1e9)
+        return {name: state([*bare.names, name], cost, f"law {cost}")}
+
+    pruned = []
+    monkeypatch.setattr(exchange, "by_law", by_law)
+    monkeypatch.setattr(exchange, "prune", lambda s, *_: (pruned.append(s.names), s)[1])
+    assert after_exchange(chosen(("a", "e"), 100.0)).state.cost == 60.0
+    for name, times in {"f": 1, "g": 2}.items():
+        assert swaps.tried.count(("e", name)) == times, name
+    assert pruned == [("e", "a")]
+
+
 def test_what_had_evidence_in_the_round_of_a_name_stands_beside_it():
     assert accepted_beside(RANKING, "a", Evidence()) == ["b"]
     assert accepted_beside(RANKING, "e", Evidence()) == []

@@ -53,11 +53,12 @@ def lag(law):
     return rates, (*START, WARM, WARM)
 
 
-def duffing(_law):
+def duffing(law):
     def rates(_t, z, u):
         t, x, v = z
         r = x / 0.01
-        return [(u / R - LAM * t) / C_TH, *mechanics(x, v, t, K * x * (1 + 0.3 * r + 0.4 * r**2))]
+        change = 5.0 * abs(r) ** 3.0 if law == 1 else 0.3 * r + 0.4 * r**2
+        return [(u / R - LAM * t) / C_TH, *mechanics(x, v, t, K * x * (1 + change))]
 
     return rates, START
 

@@ -1,5 +1,9 @@
 """A spring whose stiffness changes with how far it is stretched."""
 
+from typing import ClassVar
+
+import jax.numpy as jnp
+
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
@@ -8,11 +12,21 @@ class NonlinearStiffness(Mechanism):
     name = "nonlinear_stiffness"
     title = "Stiffness changes with displacement"
     subsystem = "thermomechanical"
-    equation = "F = -k x (a (x/x_ref) + b (x/x_ref)^2)"
-    source = "Duffing spring; coil geometry: thesis 3.3.5, references 29-31 there"
+    equation = "law polynomial: F = -k x (a (x/x_ref) + b (x/x_ref)^2);  law power: F = -k x c |x/x_ref|^n"
+    source = (
+        "Duffing spring; coil geometry: thesis 3.3.5, references 29-31 there; "
+        "power: truly nonlinear oscillators, Mickens, World Scientific 2010, ch. 1"
+    )
     says = "The further the coil has moved, the stiffer (or softer) it is."
     needs = ("mechanical",)
     excited_by = "large and small amplitudes"
+    laws = ("polynomial", "power")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {
+        "quadratic": (0,),
+        "cubic": (0,),
+        "strength": (1,),
+        "exponent": (1,),
+    }
     parameters = (
         Parameter(
             name="quadratic",
@@ -37,6 +51,27 @@ class NonlinearStiffness(Mechanism):
             spread=1.0,
         ),
         Parameter(
+            name="strength",
+            symbol="c",
+            unit="1",
+            description="relative change of stiffness at the reference displacement (law power)",
+            typical=0.0,
+            bounds=(-0.95, 10.0),
+            null=0.0,
+            scale="linear",
+            spread=1.0,
+        ),
+        Parameter(
+            name="exponent",
+            symbol="n",
+            unit="1",
+            description="growth of the change of stiffness with the displacement (law power)",
+            typical=4.0,
+            bounds=(0.5, 12.0),
+            null=4.0,
+            spread=0.6,
+        ),
+        Parameter(
             name="reference",
             symbol="x_ref",
             unit="m",
@@ -47,8 +82,15 @@ class NonlinearStiffness(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.1, 0.1, 0.0), (-0.1, -0.1, 0.0))
+    starts = ((0.1, 0.1, 0.1, 4.0, 0.0), (-0.1, -0.1, -0.1, 4.0, 0.0))
 
     def force(self, p: Values, view: View) -> Side:
         relative = view.deflection / p.reference
-        return -view.shared["stiffness"] * view.deflection * relative * (p.quadratic + p.cubic * relative)
+        # the small floor keeps the derivative of |x|^n finite at x = 0, far below any sensor's resolution
+        size = jnp.sqrt(relative**2 + 1e-10)
+        change = jnp.where(
+            p.law == 1,
+            p.strength * jnp.exp(p.exponent * jnp.log(size)),
+            relative * (p.quadratic + p.cubic * relative),
+        )
+        return -view.shared["stiffness"] * view.deflection * change
