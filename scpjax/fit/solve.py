@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -177,7 +179,7 @@ def batches(trials: Sequence[Trial]) -> list[list[Trial]]:
     return [list(trials[i : i + AT_ONCE]) for i in range(0, len(trials), AT_ONCE)]
 
 
-_MAPPED = 30_000  # pieces of memory; Linux gives a process 65,530, and every compiled program takes about a thousand
+_MAPPED = 20_000  # pieces of memory; Linux gives a process 65,530, and every compiled program takes about a thousand
 
 
 def make_room() -> None:
@@ -185,6 +187,10 @@ def make_room() -> None:
     maps = Path("/proc/self/maps")
     if maps.exists() and maps.read_bytes().count(b"\n") > _MAPPED:
         jax.clear_caches()
+        gc.collect()
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc keeps what was freed, gigabytes of it
+        if trim is not None:
+            trim(0)
 
 
 _FORWARD = 40  # simulations abreast

@@ -6,7 +6,7 @@ from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Quantity, Side, Values, View
 from scpjax.physics.smooth import clipped
 
-ROUND = 0.1  # of the gap: the width of its corners
+ROUND = 0.02  # of the gap: the width of its corners
 
 
 class Slack(Mechanism):
@@ -15,7 +15,7 @@ class Slack(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "law tendon: the sensor's side moves by x - clip(x, -g, g);  "
-        "law pull: F = C T - clip(C T, -k g, k g);  corners rounded over g/10;  "
+        "law pull: F = C T - clip(C T, -k g, k g);  corners rounded over g/50;  "
         "law toe: F = C T |C T| / (4 k g) up to C T = 2 k g, C T - k g beyond"
     )
     source = (
