@@ -15,13 +15,22 @@ from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.exchange import exchanged
 from scpjax.diagnose.free import Free, free_law
 from scpjax.diagnose.holdout import Split, split
-from scpjax.diagnose.latent import missing
+from scpjax.diagnose.latent import Misfit, missing
 from scpjax.diagnose.locate import observe
-from scpjax.diagnose.outside import AT_NOISE, able, beyond_names, form_rather_than_name, level
+from scpjax.diagnose.outside import (
+    AT_NOISE,
+    able,
+    beyond_names,
+    form_rather_than_name,
+    level,
+    nothing_explains,
+)
 from scpjax.diagnose.profiles import Limits
 from scpjax.diagnose.result import Diagnosis
+from scpjax.diagnose.rhythm import rhythm
 from scpjax.diagnose.rivals import Outcome, next_experiment
 from scpjax.diagnose.select import Choice, Progress, choose, prune
+from scpjax.diagnose.swing import swinging
 from scpjax.diagnose.together import choose_together
 from scpjax.diagnose.trials import State, grown, residual_on
 from scpjax.fit.data import Data
@@ -79,12 +88,16 @@ def diagnose(
     parts, base, notes = _base(setup)
     parts, base, choice, learned, notes = _chosen(parts, base, catalogue, options, tell, notes)
     binned = observe(setup, parts.whole, base.trial, base.residual)
-    lacking = missing(setup, parts.whole, base.trial, binned)
+    misfit = Misfit(setup, parts.whole, base.trial, binned)
+    lacking = missing(misfit)
     if learned is None and level(choice.state, parts) > AT_NOISE:
         tell("learning what the catalogue does not hold", 0.75)
         choice, learned = beyond_names(parts, base, choice, options.evidence, able(lacking))
     elif learned is None:
         choice, learned = form_rather_than_name(parts, base, choice, options.evidence)
+    swing = rhythm(misfit, lacking) if nothing_explains(base, choice, learned, parts) else None
+    if swing is not None:
+        learned = swinging(base, parts, options.evidence, swing) or learned
     tell("fitting the chosen model to all data", 0.85)
     found = answer(
         parts,
@@ -93,6 +106,7 @@ def diagnose(
         learned,
         binned,
         lacking,
+        swing,
         notes=notes,
         seconds=time.monotonic() - began,
         settings={"order": options.order, "substeps": options.substeps, "evidence": vars(options.evidence)},

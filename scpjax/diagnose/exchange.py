@@ -11,7 +11,7 @@ from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.screen import screen
 from scpjax.diagnose.select import FAR, Choice, prune
-from scpjax.diagnose.trials import State, afresh, at_noise, in_order, without
+from scpjax.diagnose.trials import State, afresh, at_noise, in_order, under_every_law, without
 from scpjax.fit.setup import Setup
 
 _BY_PROMISE, _BY_RANK = 2, 1  # tried in the place of a name
@@ -25,10 +25,12 @@ def exchanged(choice: Choice, base: State, split: Split, rules: Evidence, catalo
     """The choice with names in whose place another does better beside the rest, and as equivalents those that do as
     well; nothing for a single name, which its own round has compared.
 
-    Away from the noise every name is asked for its law again, too, and once more where that has changed.
+    Away from the noise every name is asked for its law again first, where all stand and beside the rest without it, and
+    once more where that has changed.
     """
     if len(choice.state.names) < 2:
         return choice
+    choice = replace(choice, state=_laws_again(choice.state, split, rules))
     first = choice.state.names[0]
     hopeless: set[tuple[str, str]] = set()
     for _ in range(_PASSES):
@@ -39,6 +41,23 @@ def exchanged(choice: Choice, base: State, split: Split, rules: Evidence, catalo
     if first in choice.state.names[1:]:
         choice = replace(choice, state=in_order(choice.state, first, split))
     return choice
+
+
+def _laws_again(state: State, split: Split, rules: Evidence) -> State:
+    """Every name under the law that does best beside the others, from where they stand, as long as that is away from
+    the noise and something changes.
+    """
+    for _ in range(_PASSES):
+        before = state
+        for name in state.names:
+            if not _is_far(state, split):
+                return state
+            other = under_every_law(state, name, split)
+            if is_better(other, state, split, rules):
+                state = other
+        if state is before:
+            break
+    return state
 
 
 def _each_exchanged(
@@ -116,7 +135,7 @@ def accepted_beside(ranking: Sequence[Ranked], name: str, rules: Evidence) -> li
 
 def _with(choice: Choice, state: State, name: str, best: str, alike: Sequence[str]) -> Choice:
     """The choice with ``best`` in the place of ``name``, whose probability it takes over."""
-    chance = {best: choice.probability[name]} | choice.probability
+    chance = choice.probability | {best: choice.probability[name]}
     known = choice.equivalents.get(name, ()) if best == name else ()
     same = tuple(dict.fromkeys((*alike, *known)))[:EQUIVALENTS]
     equivalents = choice.equivalents | {best: tuple(n for n in same if n not in state.names)}

@@ -10,7 +10,7 @@ Alvarez, Luengo, Lawrence, Latent Force Models, AISTATS 2009.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import jax
@@ -26,7 +26,7 @@ from scpjax.fit.setup import Setup
 from scpjax.fit.solve import evaluate, stack
 from scpjax.physics.model import Model
 
-_READING = 0.99  # of its evidence, that counts for a reading beside a balance
+READING = 0.99  # of its evidence, that counts for a reading beside a balance
 _KNOTS = 90  # per recording
 _LENGTHS = (0.25, 0.1, 0.04, 0.015)  # correlation lengths tried, as shares of the longest recording
 _SIZES = np.logspace(-3, 3, 25)  # amplitudes tried, relative to what makes one standard deviation of misfit
@@ -42,19 +42,50 @@ class _Place:
     times: np.ndarray | None = None  # (r, k) what it is a share of: the drive; None for what is added as it is
 
 
-def missing(setup: Setup, data: Data, trial: Trial, binned: Binned) -> tuple[Latent, ...]:
+class Misfit:
+    """The residuals of a fitted base model, and how they would respond to an input of any balance or sensor; both
+    without what its own parameters can imitate.
+
+    ``target`` (rows,) is what has to be added, in standard deviations of the bins where there is a reading.
+    """
+
+    def __init__(self, setup: Setup, data: Data, trial: Trial, binned: Binned):
+        self.binned = binned
+        self.model, _ = unpack(trial.free, trial, setup.space)
+        self.places = {p.name: p for p in _places(setup, data, self.model)}
+        here = evaluate(stack([trial]), data, setup.space)
+        self._rows = binned.there.ravel()
+        residual = np.asarray(here.residual[0])[: self._rows.size][self._rows]
+        jacobian = np.asarray(here.jacobian[0])[: self._rows.size][self._rows]
+        self._imitated, _ = np.linalg.qr(jacobian[:, np.any(jacobian != 0, axis=0)])
+        self.target = self._clean(-residual)
+        r, k, y = binned.there.shape
+        self.widths = np.asarray(data.grids.step) * data.bin  # s, of a bin of each recording
+        count = np.asarray(data.at_start + data.at_end).reshape(r, k, data.bin, y).sum(axis=2)
+        with np.errstate(divide="ignore"):
+            self._scale = np.where(np.isfinite(data_norm(data)), count / data_norm(data), 0.0)
+
+    def _clean(self, x: np.ndarray) -> np.ndarray:
+        return x - self._imitated @ (self._imitated.T @ x)
+
+    def responses(self, place: str, inputs: Sequence[np.ndarray]) -> np.ndarray:
+        """(rows, sum of m) to ``inputs`` (k, m) of each recording, linear over each bin, in a place."""
+        where = self.places[place]
+        r, k, y = self.binned.there.shape
+        blocks = []
+        for i, given in enumerate(inputs):
+            g = np.zeros((r, k, y, given.shape[1]))
+            times = given if where.times is None else given * where.times[i][:, None]
+            g[i] = _linear_response(self.model, where, float(self.widths[i]), times, y)
+            blocks.append((g * self._scale[..., None]).reshape(-1, given.shape[1])[self._rows])
+        return self._clean(np.concatenate(blocks, axis=1))
+
+
+def missing(misfit: Misfit) -> tuple[Latent, ...]:
     """Estimates for every balance and sensor, best evidence first; a balance before a reading that is hardly better."""
-    model, _ = unpack(trial.free, trial, setup.space)
-    here = evaluate(stack([trial]), data, setup.space)
-    rows = binned.there.ravel()
-    residual = np.asarray(here.residual[0])[: rows.size][rows]
-    jacobian = np.asarray(here.jacobian[0])[: rows.size][rows]
-    imitated, _ = np.linalg.qr(jacobian[:, np.any(jacobian != 0, axis=0)])
-    clean = lambda x: x - imitated @ (imitated.T @ x)  # noqa: E731
-    target = clean(-residual)
-    out = [_estimate(setup, data, model, place, binned, target, clean) for place in _places(setup, data, model)]
+    out = [_estimate(misfit, place) for place in misfit.places.values()]
     # an error of a reading can imitate whatever shows in it, so it has to answer for the misfit better than a balance
-    return tuple(sorted(out, key=lambda m: -m.evidence * (_READING if m.subsystem == "sensor" else 1.0)))
+    return tuple(sorted(out, key=lambda m: -m.evidence * (READING if m.subsystem == "sensor" else 1.0)))
 
 
 def _places(setup: Setup, data: Data, model: Model) -> list[_Place]:
@@ -96,25 +127,14 @@ def data_norm(data: Data) -> np.ndarray:
     return np.asarray(data.norm)
 
 
-def _estimate(
-    setup: Setup, data: Data, model: Model, place: _Place, binned: Binned, target: np.ndarray, clean: Callable
-) -> Latent:
-    r, k, y = binned.there.shape
-    bins = [int(np.flatnonzero(binned.there[i].any(axis=1))[-1]) + 1 for i in range(r)]
+def _estimate(misfit: Misfit, place: _Place) -> Latent:
+    binned = misfit.binned
+    bins = [int(np.flatnonzero(there.any(axis=1))[-1]) + 1 for there in binned.there]
     gap = [max(n // _KNOTS, 1) for n in bins]
-    blocks, times = [], []
-    count = np.asarray(data.at_start + data.at_end).reshape(r, k, data.bin, y).sum(axis=2)
-    for i in range(r):
-        width = float(np.asarray(data.grids.step)[i]) * data.bin
-        m = -(-bins[i] // gap[i]) + 1
-        g = np.zeros((r, k, y, m))
-        g[i] = _hat_responses(model, place, width, gap[i], k, y, m, None if place.times is None else place.times[i])
-        with np.errstate(divide="ignore"):
-            scale = np.where(np.isfinite(data_norm(data)), count / data_norm(data), 0.0)
-        g *= scale[..., None]
-        blocks.append(g.reshape(-1, m)[binned.there.ravel()])
-        times.append(np.arange(m) * gap[i] * width)
-    response = clean(np.concatenate(blocks, axis=1))
+    count = [-(-n // step) + 1 for n, step in zip(bins, gap, strict=True)]
+    triangles = [hats(binned.there.shape[1], step, m) for step, m in zip(gap, count, strict=True)]
+    times = [np.arange(m) * step * width for m, step, width in zip(count, gap, misfit.widths, strict=True)]
+    response, target = misfit.responses(place.name, triangles), misfit.target
     unit = 1.0 / max(np.sqrt(np.mean(np.sum(response**2, axis=0))), 1e-300)
     span = max(t[-1] for t in times)
     noise = 1.0
@@ -138,16 +158,17 @@ def _estimate(
     )
 
 
-def _hat_responses(
-    model: Model, place: _Place, width: float, gap: int, k: int, y: int, m: int, times: np.ndarray | None
-) -> np.ndarray:
-    """Outputs (k, y, m) to triangles of half-width ``gap`` bins that peak at 1, one at every ``gap``-th bin."""
-    hats = np.maximum(1.0 - np.abs(np.arange(k)[:, None] - gap * np.arange(m)) / gap, 0.0)
-    if times is not None:
-        hats = hats * times[:, None]
+def hats(k: int, gap: int, m: int) -> np.ndarray:
+    """(k, m) triangles of half-width ``gap`` bins that peak at 1, one at every ``gap``-th bin."""
+    return np.maximum(1.0 - np.abs(np.arange(k)[:, None] - gap * np.arange(m)) / gap, 0.0)
+
+
+def _linear_response(model: Model, place: _Place, width: float, inputs: np.ndarray, y: int) -> np.ndarray:
+    """Outputs (k, y, m) to inputs (k, m) that are linear over bins of a width [s]."""
+    k, m = inputs.shape
     out = np.zeros((k, y, m))
     if place.into is None:
-        out[:, place.output] = hats
+        out[:, place.output] = inputs
         return out
     a = np.asarray(model.linearise()[0])
     z = jnp.zeros(model.structure.n_states)
@@ -161,7 +182,7 @@ def _hat_responses(
     step = e[:n, n] - slope
     x = np.zeros((n, m))
     for i in range(1, k):
-        x = ad @ x + np.outer(step, hats[i - 1]) + np.outer(slope, hats[i])
+        x = ad @ x + np.outer(step, inputs[i - 1]) + np.outer(slope, inputs[i])
         out[i] = c @ x
     return out
 

@@ -24,6 +24,7 @@ _NO_SCALE = 100.0  # ratio of the base model's residual to noise, above which th
 _HALF = 0.5  # of the misfit: what names may leave there
 _BEHIND = 0.05  # of the misfit, by which a balance may answer for less than the best and be in question too
 _COMPLETE = 0.1  # of the misfit: what a closure alone may leave to be an explanation in place of names
+MOST = 0.5  # held-out gain from which a closure says where the misfit lies
 _FAR_BETTER = 0.5  # ratio of what it leaves to what the names leave, below which they are false
 
 
@@ -55,6 +56,13 @@ def closure(state: State, parts: Split, rules: Evidence, where: Sequence[str] = 
         return curve or terms
     held = parts.is_held
     return curve if _unexplained(curve.state, held) < _unexplained(terms.state, held) else terms
+
+
+def nothing_explains(base: State, choice: Choice, learned: Learned | Curve | None, parts: Split) -> bool:
+    """Whether something is missing, no name is given, and no closure takes away most of it."""
+    if choice.state.names or choice.free or level(base, parts) <= AT_NOISE:
+        return False
+    return learned is None or learned.evidence.held_out_gain < MOST
 
 
 def form_at_most(base: State, state: State, parts: Split) -> bool:

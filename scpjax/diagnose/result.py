@@ -45,6 +45,7 @@ class Location:
     depends_on: tuple[tuple[str, float], ...] = ()  # (variable, strength 0..1), strongest first
     whiteness: dict[str, float] = field(default_factory=dict)  # p-value per column: residuals are white
     input_independence: dict[str, float] = field(default_factory=dict)  # p-value: independent of past input
+    period_s: float | None = None  # with which what nothing explains swings, whatever the drive does
 
 
 FREE = "free form"
@@ -174,6 +175,7 @@ class Diagnosis:
                 "depends_on": [{"variable": v, "strength": s} for v, s in self.location.depends_on],
                 "whiteness_p": self.location.whiteness,
                 "input_independence_p": self.location.input_independence,
+                "period_s": self.location.period_s,
             },
             "mechanisms": [
                 {

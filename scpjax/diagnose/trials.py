@@ -229,6 +229,27 @@ def without(state: State, name: str, split: Split) -> State:
     return at_rest(setup, split, [trial_at(setup, value, laws), trial_at(setup, begun, laws)])
 
 
+def under_every_law(state: State, name: str, split: Split) -> State:
+    """The hypothesis with one of its mechanisms fitted again under every law and from every start, all else from where
+    it stands; the best of them.
+    """
+    setup, m = state.setup, state.setup.structure.mechanism(name)
+    null, index = np.asarray(setup.starts[0]), setup.structure.index
+    which = setup.structure.mechanisms.index(m)
+    trials = []
+    for law in laws_that_can_act(setup, m):
+        free, laws = m.free_parameters(law), np.asarray(state.trial.laws).copy()
+        laws[which] = law
+        for start in m.starts:
+            value = state.values
+            for p, own in zip(m.parameters, start, strict=True):
+                if not p.fixed:
+                    i = index[f"{name}.{p.name}"]
+                    value[i] = own * _unit(setup, p) if p in free else null[i]
+            trials.append(trial_at(setup, value, laws))
+    return at_rest(setup, split, trials)
+
+
 def in_order(state: State, first: str, split: Split) -> State:
     """The hypothesis with one of its mechanisms told of first; as it was, where it then predicts something else (what
     one mechanism makes of a drive or a reading, the next one takes up).

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from scpjax.parameter import Parameter
 
 Subsystem = Literal["drive", "thermoelectric", "thermomechanical", "sensor", "balance"]
-"""Where physics acts; "balance" is one of a base of one's own (`scpjax.physics.system.System`)."""
+"""Where physics acts; "balance" is one of a base of one's own (`scpjax.physics.system.System`), or any by its law."""
 Quantity = str
 """What a sensor reads: "temperature", "displacement", or the stem of an output of a base of one's own."""
 Side = Float[Array, "sides"]

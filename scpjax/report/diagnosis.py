@@ -127,6 +127,8 @@ def _where(d: Diagnosis, shapes: Mapping[str, bytes]) -> str:
     if strongest and d.verdict != "adequate":
         names = " and the ".join(v.replace("_", " ") for v in strongest)
         more = f"The residual goes with the {names}."
+    if where.period_s:
+        more = f"It swings with a period of {where.period_s:.3g} s, whatever the drive does. {more}"
     picture = ""
     if "misfit" in shapes:
         caption = "Misfit of the base model beyond the noise: when, in which regime, and what it follows."

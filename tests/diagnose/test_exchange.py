@@ -3,12 +3,16 @@
 from types import SimpleNamespace
 
 import pytest
+from diagnose.creeping import AMBIENT
+from diagnose.heated import LOSS, base_of, recorded
 
 from scpjax.diagnose import exchange
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.exchange import accepted_beside, exchanged, in_its_place
 from scpjax.diagnose.result import Ranked
+from scpjax.diagnose.rivals import added
 from scpjax.diagnose.select import Choice
+from scpjax.diagnose.trials import at_rest, starts_with, trial_at, under_every_law
 
 RANKING = (
     Ranked("a", 100.0, 0.5, 0.9, "", 1),
@@ -58,6 +62,7 @@ def swaps(monkeypatch):
     monkeypatch.setattr(exchange, "afresh", lambda s, _: again(s, fresh.get(s.names[-1], s.cost)))
     monkeypatch.setattr(exchange, "prune", lambda s, *_: s)
     monkeypatch.setattr(exchange, "at_noise", lambda *_: True)
+    monkeypatch.setattr(exchange, "under_every_law", lambda s, *_: s)
 
     def in_order(s, first, split):
         return state([first, *(n for n in s.names if n != first)], s.cost)
@@ -86,6 +91,48 @@ def test_away_from_the_noise_names_are_asked_for_their_laws_again(swaps, monkeyp
     assert found.state.cost == 30.0
     assert found.state.names == ("a", "e")
     assert found.probability == choice.probability
+
+
+def test_away_from_the_noise_laws_change_first_where_all_stand(swaps, monkeypatch):
+    """One law after the other, until the noise is reached; then no name is asked in another's place."""
+    monkeypatch.setattr(exchange, "at_noise", lambda s, *_: s.cost < 40.0)
+    costs, asked = {"a": 70.0, "e": 30.0}, []
+
+    def under_every_law(s, name, _):
+        asked.append((name, s.cost))
+        return state(s.names, min(s.cost, costs[name]), f"law of {name}")
+
+    monkeypatch.setattr(exchange, "under_every_law", under_every_law)
+    found = after_exchange(chosen(("a", "e"), 100.0))
+    assert asked == [("a", 100.0), ("e", 70.0)]
+    assert found.state.cost == 30.0
+    costs |= {"e": 70.0}  # it stays away from the noise: all are asked once more where one has changed
+    asked.clear()
+    assert after_exchange(chosen(("a", "e"), 100.0)).state.cost == 70.0
+    assert asked == [("a", 100.0), ("e", 70.0), ("a", 70.0), ("e", 70.0)]
+
+
+def test_a_wrong_law_beside_a_fitted_rest_is_put_right():
+    """A loss by radiation held under the law of a power, from where that fit came to rest."""
+
+    def radiates(_t, temperature, _x):
+        return 1.5 * LOSS * ((temperature + AMBIENT) ** 4 - AMBIENT**4) / (4 * AMBIENT**3) - 1.5 * LOSS * temperature
+
+    base, parts = base_of(recorded(radiates))
+    right = added(base, "nonlinear_heat_loss", parts)
+    m = right.setup.structure.mechanism("nonlinear_heat_loss")
+    wrong = at_rest(
+        right.setup, parts, [t for t in _starts(base, m, right.setup) if t.laws[-1] != right.trial.laws[-1]]
+    )
+    assert wrong.laws != right.laws
+    again = under_every_law(wrong, "nonlinear_heat_loss", parts)
+    assert again.laws == right.laws
+    assert again.cost == pytest.approx(right.cost, rel=1e-3)
+    assert again.cost < wrong.cost
+
+
+def _starts(base, m, problem):
+    return [trial_at(problem, s.value, s.laws) for s in starts_with(base, m, problem)]
 
 
 def test_what_did_badly_in_the_place_of_a_name_is_tried_once_and_only_what_contends_is_pruned(swaps, monkeypatch):
@@ -131,6 +178,9 @@ def test_a_better_one_takes_its_place_and_its_chance(swaps):
     assert found.probability == {"e": 0.9, "b": 0.9}
     assert found.equivalents == {"e": (), "b": ()}
     assert swaps.tried == [("e", "b"), ("b", "a")]  # and what it took the place of, in the place of the other
+    behind = chosen(("a", "e"), 100.0)
+    behind.probability["b"] = 0.008  # in the round in which the other was the best: it is no longer
+    assert after_exchange(behind).probability == {"e": 0.9, "b": 0.9}
 
 
 def test_one_is_judged_by_where_it_comes_to_rest_with_base_parameters_that_nothing_has_bent(swaps):

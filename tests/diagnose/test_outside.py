@@ -15,7 +15,7 @@ from scpjax.diagnose.answer import TRUSTED, _subsystem, answer
 from scpjax.diagnose.closure import learn, offers
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.latent import missing
+from scpjax.diagnose.latent import Misfit, missing
 from scpjax.diagnose.locate import observe
 from scpjax.diagnose.outside import able, beyond_names, form_at_most, level
 from scpjax.diagnose.rivals import added
@@ -34,7 +34,7 @@ def rubbed() -> tuple[State, Split]:
 
 def lacking_in(base: State, parts: Split):
     binned = observe(base.setup, parts.whole, base.trial, base.residual)
-    return binned, missing(base.setup, parts.whole, base.trial, binned)
+    return binned, missing(Misfit(base.setup, parts.whole, base.trial, binned))
 
 
 def test_a_draught_is_found_in_the_heat_balance_when_it_blew():

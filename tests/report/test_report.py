@@ -94,13 +94,14 @@ def test_nothing_named(tmp_path, verdict):
         says="Nothing was named.",
         mechanisms=(),
         ranking=(),
-        location=Location("sensor", "displacement_mm"),
+        location=Location("sensor", "displacement_mm", period_s=23.38 if verdict == "unexplained" else None),
         not_identifiable=(),
         notes=(),
     )
     page, text = read(write_diagnosis(made, tmp_path))
     assert ("earned its parameters" in text) == (verdict == "adequate")
     assert ("not earned" in text) == (verdict == "unexplained")
+    assert ("It swings with a period of 23.4 s" in text) == (verdict == "unexplained")
     assert "Notes" not in text
     assert "every parameter is determined" in text
     assert len(page.fetched) == 2

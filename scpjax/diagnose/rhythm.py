@@ -1,0 +1,146 @@
+"""Does what is missing swing with a period of its own, whatever the drive does: a fan, a thermostat, the mains?
+
+In every balance and sensor a swing of two harmonics, with a phase and size for each recording, as it is or in
+proportion to the temperature, is put through the base model, and what it takes away from the misfit is a periodogram:
+Lomb-Scargle with harmonics (VanderPlas, Astrophys. J. Suppl. 236 (2018) 16, section 6), of outputs that respond.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from scpjax.diagnose.latent import READING, Misfit, hats
+from scpjax.diagnose.result import Latent
+
+_HARMONICS = (1, 2)
+_CYCLES = 4.0  # in a recording, from which it has a say
+_SHARE = 0.7  # of the misfit beyond the noise, that a swing has to take away
+_REPEATS = 0.5  # correlation of the drive with itself a period later, from which the drive may be what swings
+_SAME = 0.05  # of a share, that half a period may lack and still be the period
+_KNOTS = 200  # of a recording, between which an input is linear
+_PLACES = 8  # of them in a period, at the least
+_FINE = 4  # periods tried per cycle more or less in the longest recording
+_ABLE = 0.5  # of what the best balance can answer for, that another must, for a swing to be looked for in it
+
+
+@dataclass(frozen=True)
+class Rhythm:
+    """Where something swings (a balance, and a `scpjax.diagnose.result.Latent`'s place), its period [s], and its share
+    of the misfit beyond the noise.
+    """
+
+    subsystem: str
+    place: str
+    factor: str  # "temperature" where it is in proportion to that, else ""
+    period: float
+    share: float
+
+
+def rhythm(misfit: Misfit, lacking: Sequence[Latent]) -> Rhythm | None:
+    """The swing that takes away most, in a balance or sensor that could answer for the misfit (`missing`); None where
+    none takes away enough. A balance before a reading that is hardly better; of a joint both sides swing.
+    """
+    best = max(m.explained for m in lacking)
+    places = dict.fromkeys((m.subsystem, _of_both(m.place)) for m in lacking if m.explained > _ABLE * best)
+    found = [r for subsystem, place in places for r in _of(misfit, place, subsystem)]
+    return max(found, key=lambda r: r.share * (READING if r.subsystem == "sensor" else 1.0), default=None)
+
+
+def _of_both(place: str) -> str:
+    """A place on one side of a joint, without the side."""
+    return place.replace("_antagonist", "").replace("_agonist", "")
+
+
+def _of(misfit: Misfit, place: str, subsystem: str) -> list[Rhythm]:
+    """The best swing in a place, as it is and in proportion to the temperature, where that is enough."""
+    drive = subsystem == "drive"  # what is lacking there is in proportion to the drive as it is
+    sides = [name for name in misfit.places if _of_both(name) == place]
+    factors = {"": np.ones_like(misfit.binned.drive), "temperature": misfit.binned.temperature}
+    out = []
+    for name, factor in factors.items():
+        if factor is None or (name and drive):
+            continue
+        best = _best(_Swing(misfit, sides, factor / np.abs(factor).max()))
+        if best[1] > _SHARE:
+            out.append(Rhythm(subsystem, place, name, *best))
+    return out
+
+
+def _best(swing: _Swing) -> tuple[float, float]:
+    """(period, share) of the swing that takes away most; of two alike, of which one is half the other, the shorter."""
+    cycles = np.arange(_CYCLES, swing.longest / swing.shortest, 1.0 / _FINE)
+    if not len(cycles):
+        return 0.0, 0.0
+    most = float(cycles[int(np.argmax([swing.share(swing.longest / c) for c in cycles]))])
+
+    def nearby(period: float) -> tuple[float, float]:
+        within = period**2 / swing.longest / _FINE  # one step of the cycles tried
+        bounds = (max(period - within, swing.shortest), period + within)
+        found: Any = minimize_scalar(lambda p: -swing.share(p), bounds=bounds, method="bounded")
+        return max(((p, swing.share(p)) for p in (period, float(found.x))), key=lambda f: f[1])
+
+    best = nearby(swing.longest / most)
+    half = nearby(best[0] / 2) if best[0] / 2 > swing.shortest else (0.0, 0.0)
+    return half if half[1] > best[1] - _SAME else best
+
+
+class _Swing:
+    """What swings of any period take away from the misfit, in some places at once, in proportion to a factor (r, k)."""
+
+    def __init__(self, misfit: Misfit, places: Sequence[str], factor: np.ndarray):
+        b = misfit.binned
+        there = np.asarray(np.any(b.there, axis=2))
+        self._misfit, self._recording = misfit, np.nonzero(b.there)[0]
+        self._spans = np.array([w * (np.flatnonzero(there[i])[-1] + 1) for i, w in enumerate(misfit.widths)])
+        bins = int(b.there.shape[1])
+        gap = max(bins // _KNOTS, 1)
+        knots = -(-bins // gap) + 1
+        self._knots = [np.arange(knots) * gap * width for width in misfit.widths]
+        inputs = [hats(bins, gap, knots) * f[:, None] for f in factor]
+        self._response = np.concatenate([misfit.responses(place, inputs) for place in places], axis=1)
+        self._sides = len(places)
+        self.longest = float(self._spans.max())
+        self.shortest = _PLACES * max(float(k[1]) for k in self._knots)  # s, that the knots resolve
+        self._grams: dict[tuple[int, ...], tuple[np.ndarray, np.ndarray, float, int]] = {}
+
+    def share(self, period: float) -> float:
+        """Of the misfit beyond the noise, in recordings that have a say."""
+        lasting = [i for i, span in enumerate(self._spans) if span >= _CYCLES * period]
+        own = tuple(i for i in lasting if self._repeats(i, period) < _REPEATS)
+        if not own:
+            return 0.0
+        gram, along, total, rows = self._gram(own)
+        n = len(self._knots[0])
+        swing = np.zeros((gram.shape[0], 2 * len(_HARMONICS) * len(own) * self._sides))
+        for j, (side, i) in enumerate(itertools.product(range(self._sides), own)):
+            angles = np.outer(2.0 * np.pi * self._knots[i] / period, _HARMONICS)
+            waves = np.concatenate([np.cos(angles), np.sin(angles)], axis=1)
+            row, column = n * (side * len(self._knots) + i), waves.shape[1] * j
+            swing[row : row + n, column : column + waves.shape[1]] = waves
+        inner, outer = swing.T @ gram @ swing, swing.T @ along
+        taken = float(outer @ np.linalg.lstsq(inner, outer, rcond=1e-9)[0])
+        return min(taken / max(total - rows, 1e-300), 1.0)
+
+    def _gram(self, own: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, float, int]:
+        """(products of the responses, with the misfit, of the misfit, readings) over some recordings."""
+        if own not in self._grams:
+            rows = np.isin(self._recording, own)
+            g, target = self._response[rows], self._misfit.target[rows]
+            self._grams[own] = g.T @ g, g.T @ target, float(target @ target), len(target)
+        return self._grams[own]
+
+    def _repeats(self, i: int, period: float) -> float:
+        """Correlation of the drive of a recording with itself a period later."""
+        b = self._misfit.binned
+        time = b.time[i] - b.time[i, 0]
+        now = time[time <= self._spans[i] - period]
+        before, later = np.interp(now, time, b.drive[i]), np.interp(now + period, time, b.drive[i])
+        if np.ptp(before) == 0.0 or np.ptp(later) == 0.0:
+            return 0.0
+        return float(np.corrcoef(before, later)[0, 1])

@@ -1,0 +1,144 @@
+"""A closure by what swings: a Fourier series in the time since a recording began, in the balance where it swings.
+
+The period comes from `scpjax.diagnose.rhythm`, which lets every recording have a phase of its own; here all share one,
+so that other recordings can be predicted. Where they do not, there is no such closure, and the period is all to tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scpjax.diagnose.evidence import Comparison, Evidence, compare
+from scpjax.diagnose.expression import scale_of
+from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.result import Closure, Drawn
+from scpjax.diagnose.rhythm import Rhythm
+from scpjax.diagnose.trials import State, at_rest, grown, laws_of
+from scpjax.fit.identifiability import Uncertainty
+from scpjax.fit.problem import Trial
+from scpjax.fit.result import Estimate
+from scpjax.fit.setup import Setup, carry
+from scpjax.fit.solve import make_room
+from scpjax.physics.catalogue import mechanism
+from scpjax.physics.mechanisms.learned_swing import HARMONICS, WEIGHTS, Swings, law_of
+
+_NAME = "learned_swing"
+_POINTS = 121
+_WHAT = {
+    "drive": ("drive greater by", "%", "drive", "learned_swing drive"),
+    "heat": ("heat lost", "W", "thermoelectric", "learned_heat"),
+    "force": ("force against contraction", "N", "thermomechanical", "learned_force"),
+    "temperature reading": ("thermometer reads too much by", "K", "sensor", "learned_reading temperature"),
+    "displacement reading": ("displacement reads too much by", "mm", "sensor", "learned_reading displacement"),
+}
+"""What a swing is of: in words, in which unit, in which balance, and the place (`scpjax.diagnose.expression.WHAT`)."""
+
+
+@dataclass(frozen=True)
+class Swing:
+    """A swing found: the hypothesis that holds it, what swings with how many harmonics, and the evidence."""
+
+    state: State
+    form: Swings
+    harmonics: int
+    evidence: Comparison
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Its weights."""
+        return tuple(f"{_NAME}.{w}" for w in WEIGHTS[: 2 * self.harmonics])
+
+
+def swinging(state: State, split: Split, rules: Evidence, found: Rhythm) -> Swing | None:
+    """The swing beyond ``state`` with as many harmonics as predict best; None where none is better than none."""
+    if state.setup.structure.system:  # its balances have no swings here
+        return None
+    make_room()
+    form = Swings("displacement reading" if found.place == "angle reading" else found.place, found.factor)
+    problem = _problem(state.setup, found.period)
+    best: Swing | None = None
+    before = state
+    for harmonics in HARMONICS:
+        law = law_of(form, harmonics)
+        held = at_rest(problem, split, [_trial(problem, before, law, moves=False)])
+        after = at_rest(problem, split, [_trial(problem, held, law, moves=True)])
+        extra = 2 * (harmonics - (best.harmonics if best else 0)) + (best is None)
+        evidence = compare(before, after, "closure", "", split, rules, extra)
+        better = evidence.delta_bic > rules.bic and evidence.held_out_gain > 0
+        if not (evidence.accepted if best is None else better):
+            break
+        whole = compare(state, after, "closure", "", split, rules, 2 * harmonics + 1)
+        best, before = Swing(after, form, harmonics, whole), after
+    return best
+
+
+def _problem(setup: Setup, period: float) -> Setup:
+    """The problem with a swing in its model."""
+    problem = grown(setup, mechanism(_NAME))
+    fixed, s, at = problem.fixed.copy(), setup.scales, problem.structure.index
+    for name, value in (
+        ("period", period),
+        ("reference_temperature", s.temperature),
+        ("reference", s.displacement),
+    ):
+        fixed[at[f"{_NAME}.{name}"]] = value
+    return replace(problem, fixed=fixed)
+
+
+def _trial(problem: Setup, state: State, law: int, *, moves: bool) -> Trial:
+    """A hypothesis with a swing under a law, from where it stands; ``moves``: its period too."""
+    old, new = state.setup.structure, problem.structure
+    n, at = len(new.slots), new.index
+    first = np.asarray(problem.starts[0])[:n].copy()
+    first[at[f"{_NAME}.period"]] = problem.fixed[at[f"{_NAME}.period"]]
+    value = carry(old, new, state.values, first)
+    active = carry(old, new, np.asarray(state.trial.active), np.zeros(n)).astype(bool)
+    held = carry(old, new, np.asarray(state.trial.fixed), problem.fixed[:n])
+    free = [p.name for p in mechanism(_NAME).free_parameters(law)]
+    for p in mechanism(_NAME).parameters:
+        active[at[f"{_NAME}.{p.name}"]] = p.name in free and (moves or p.name != "period")
+    laws = laws_of(state.setup, np.asarray(state.trial.laws), problem)
+    laws[next(i for i, m in enumerate(new.mechanisms) if m.name == _NAME)] = law
+    width = int(problem.base_active.sum()) + len(WEIGHTS) + 1
+    return replace(problem, fixed=held).trial(value, active, laws, max(width, int(active.sum())))
+
+
+def draw_swing(found: Swing, every: Mapping[str, Estimate], values: Mapping[str, float], doubt: Uncertainty) -> Closure:
+    """The closure with its swing over one period in units, and its 95 % band; arguments as of
+    `scpjax.diagnose.distil.draw`.
+    """
+    what, unit, subsystem, place = _WHAT[found.form.what]
+    references = {n: float(values[f"{_NAME}.{n}"]) for n in ("reference_temperature", "reference")}
+    size = 100.0 if found.form.what == "drive" else scale_of(place, values, *references.values())
+    if found.form.factor:
+        size, unit = size / references["reference_temperature"], f"{unit}/K"
+    period = every[f"{_NAME}.period"]
+    phase = np.linspace(0.0, 1.0, _POINTS)
+    turns = np.outer(2.0 * np.pi * phase, np.arange(1, found.harmonics + 1))
+    waves = size * np.stack([np.cos(turns), np.sin(turns)], axis=2).reshape(_POINTS, -1)
+    weights = np.array([every[k].value for k in found.keys])
+    at = [doubt.keys.index(k) for k in found.keys]
+    spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", waves, doubt.covariance[np.ix_(at, at)], waves), 0.0))
+    curve = waves @ weights
+    error = f" ± {1.96 * period.std:.1g}" if np.isfinite(period.std) else ""
+    says = (
+        f"{what} {found.form.name}, s from {curve.min():.3g} to {curve.max():.3g} {unit} and back every "
+        f"({period.value:.4g}{error}) s"
+    )
+    if found.harmonics == 1:
+        ahead = float(np.arctan2(weights[0], weights[1]))
+        turn = f"sin(2π t/(({period.value:.4g}{error}) s) {ahead:+.2f})"
+        says = f"{what} {found.form.name}, s = {size * np.hypot(*weights):.3g} {unit} {turn}"
+    return Closure(
+        subsystem,
+        place,
+        ("temperature", "time") if found.form.factor else ("time",),
+        says,
+        {k: every[k] for k in (f"{_NAME}.period", *found.keys)},
+        found.evidence.held_out_gain,
+        found.evidence.delta_bic,
+        Drawn("time", "s", found.form.name, unit, phase * period.value, curve, spread, "", curve, 0.0),
+    )

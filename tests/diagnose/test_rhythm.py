@@ -1,0 +1,157 @@
+"""What swings whatever the drive does: its period, its place, and nothing where nothing swings."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from diagnose.heated import BASE, DRIVE, LOSS, NOISE, TIME, base_of, recorded, rubbed_by_air
+
+from scpjax.diagnose.diagnose import diagnose
+from scpjax.diagnose.evidence import Evidence
+from scpjax.diagnose.holdout import Split, split
+from scpjax.diagnose.latent import Misfit, missing
+from scpjax.diagnose.locate import observe
+from scpjax.diagnose.outside import level
+from scpjax.diagnose.rhythm import Rhythm, rhythm
+from scpjax.diagnose.swing import swinging
+from scpjax.diagnose.trials import State, residual_on
+from scpjax.fit.fit import best_start, refine
+from scpjax.fit.identifiability import estimates, uncertainty
+from scpjax.fit.setup import prepare
+from scpjax.recordings.recording import Recording
+from scpjax.report.diagnosis import write_diagnosis
+
+PERIOD = 11.7  # [s]
+
+
+def fan(t, temperature, _x):
+    """Out of the wire [W]: it comes on for two fifths of every period."""
+    return 0.3 * LOSS * temperature * (t % PERIOD < 0.4 * PERIOD)
+
+
+def supply(t, _temperature, _x):
+    """A power that wavers with the supply [W], as a loss."""
+    now = DRIVE[min(int(t / (TIME[1] - TIME[0])), len(DRIVE) - 1)]
+    return -0.2 * np.sin(2 * np.pi * t / PERIOD) * now**2 * BASE["joule_heating.gain"]
+
+
+def sun(t, _temperature, _x):
+    """Warmth [W] that comes and goes, as a loss."""
+    return -0.15 * np.sin(2 * np.pi * t / PERIOD + 1.0)
+
+
+@cache
+def fitted(heat, shake: float = 0.0) -> tuple[State, Split]:
+    return base_of(recorded(heat, rattle=shake * np.sin(2 * np.pi * TIME / PERIOD)))
+
+
+@cache
+def misfit_of(heat, shake: float = 0.0) -> Misfit:
+    base, parts = fitted(heat, shake)
+    return Misfit(base.setup, parts.whole, base.trial, observe(base.setup, parts.whole, base.trial, base.residual))
+
+
+def found_in(misfit: Misfit) -> Rhythm | None:
+    return rhythm(misfit, missing(misfit))
+
+
+@pytest.mark.parametrize(
+    ("heat", "shake", "places"),
+    [
+        (fan, 0.0, {"heat"}),
+        (supply, 0.0, {"drive"}),
+        (sun, 0.0, {"heat"}),
+        (lambda t, T, x: 0.0, 0.5, {"force", "displacement reading"}),  # [mm], slow: what pulls would look the same
+    ],
+    ids=["a fan", "a wavering supply", "the sun", "a shaken sensor"],
+)
+def test_its_period_and_place(heat, shake, places):
+    found = found_in(misfit_of(heat, shake))
+    assert found is not None
+    assert found.period == pytest.approx(PERIOD, rel=0.01)
+    assert found.place in places
+    assert found.share > 0.8
+
+
+def test_nothing_swings_where_a_state_has_it():
+    assert found_in(misfit_of(rubbed_by_air)) is None
+
+
+def test_what_comes_and_goes_at_random_does_not_swing():
+    """Thirty heat flows with a memory of a few seconds, in the place of what is missing: at most one passes for one."""
+    misfit, rng = misfit_of(fan), np.random.default_rng(4)
+    keep, alarms, places = misfit.target, 0, missing(misfit)
+    for _ in range(30):
+        kick = rng.standard_normal(misfit.binned.there.shape[1])
+        memory = np.exp(-misfit.widths[0] / rng.uniform(1.0, 8.0))
+        flow = np.zeros_like(kick)
+        for i in range(1, len(flow)):
+            flow[i] = memory * flow[i - 1] + kick[i]
+        felt = misfit.responses("heat", [flow[:, None]])[:, 0]
+        misfit.target = 10 * felt / np.std(felt) + rng.standard_normal(len(felt))
+        alarms += rhythm(misfit, places) is not None
+    misfit.target = keep
+    assert alarms <= 1
+
+
+def test_no_swing_where_the_drive_repeats_as_often():
+    misfit = misfit_of(fan)
+    time = misfit.binned.time
+    kept, misfit.binned = misfit.binned, replace(misfit.binned, drive=4.0 * (time % PERIOD < 5.0))
+    found = found_in(misfit)
+    misfit.binned = kept
+    assert found is None or abs(found.period / PERIOD - 1) > 0.02
+
+
+@pytest.mark.parametrize(("heat", "harmonics"), [(supply, 1), (sun, 1), (fan, 4)], ids=["supply", "sun", "fan"])
+def test_it_is_learned_down_to_the_noise(heat, harmonics):
+    base, parts = fitted(heat)
+    swing = swinging(base, parts, Evidence(), found_in(misfit_of(heat)))
+    assert swing is not None
+    assert swing.harmonics == harmonics
+    assert level(swing.state, parts) < 1.15
+    doubt = uncertainty(swing.state.trial, parts.train, swing.state.setup.space)
+    every = estimates(swing.state.trial, swing.state.setup.space, doubt)
+    period = every["learned_swing.period"]
+    assert abs(period.value - PERIOD) < 4 * period.std
+    assert period.std < 0.01 * PERIOD
+    if heat is supply:  # as strong as it was made
+        assert np.hypot(*(every[k].value for k in swing.keys)) == pytest.approx(0.2, rel=0.03)
+
+
+def test_it_is_not_learned_where_every_recording_has_a_phase_of_its_own():
+    """A sun that rises when it likes: the period and the balance are told all the same."""
+    halves = [
+        recorded(lambda t, T, x, ahead=ahead: sun(t + ahead, T, x)) for ahead in (0.0, PERIOD / 3, 2 * PERIOD / 3)
+    ]
+    setup = prepare(halves)
+    parts = split(setup.data)
+    trial, _, _ = best_start(setup, parts.train)
+    trial, _, cost = refine(setup, parts.train, trial)
+    base = State(setup, trial, residual_on(trial, parts.whole, setup), float(cost))
+    found = found_in(Misfit(setup, parts.whole, trial, observe(setup, parts.whole, trial, base.residual)))
+    assert found is not None
+    assert (found.place, found.period) == ("heat", pytest.approx(PERIOD, rel=0.01))
+    assert swinging(base, parts, Evidence(), found) is None
+
+
+def test_a_diagnosis_tells_period_and_balance(tmp_path):
+    """Of a thermometer alone; the sentence, the note and the JSON say it, no name is given, the swing is learned."""
+    both = recorded(supply)
+    warm = Recording.from_arrays(TIME, {"voltage_V": DRIVE}, {"temperature_degC": both.output("temperature") - 273.15})
+    found = diagnose([warm], model="te")
+    assert (found.verdict, found.mechanisms) == ("unexplained", ())
+    assert "It swings with a period of 11.7 s" in found.says
+    assert found.location.subsystem == "drive"
+    assert found.to_json()["location"]["period_s"] == pytest.approx(PERIOD, rel=0.01)
+    assert any("a swing of drive" in note for note in found.notes)
+    assert found.closure is not None
+    assert found.closure.depends_on == ("time",)
+    assert found.closure.expression.startswith("drive greater by s(t), s = 20")
+    assert found.extended.held_out["temperature_degC"]["rmse"] < 1.15 * NOISE["temperature_degC"]
+    drawn = found.closure.curve
+    assert drawn.value.max() == pytest.approx(20.0, rel=0.03)  # [%]
+    assert drawn.at[-1] == pytest.approx(PERIOD, rel=0.01)
+    page = write_diagnosis(found, tmp_path).read_text(encoding="utf-8")
+    assert "It swings with a period of 11.7 s" in page

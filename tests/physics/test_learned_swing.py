@@ -1,0 +1,56 @@
+"""A learned swing adds what its law says to its balance, and to no other."""
+
+import numpy as np
+import pytest
+
+from scpjax.physics import presets
+from scpjax.physics.catalogue import catalogue
+from scpjax.physics.mechanisms.learned_swing import FORMS, HARMONICS, law_of
+from scpjax.physics.model import Model
+
+CONDUCTANCE, THERMAL_MASS, STIFFNESS, MASS, GAIN = 0.2, 1.5, 180.0, 0.2, 0.1
+PLANT = presets.plant(
+    resistance=1 / GAIN,
+    conductance=CONDUCTANCE,
+    thermal_mass=THERMAL_MASS,
+    coefficient=0.02,
+    stiffness=STIFFNESS,
+    damping=5.0,
+    mass=MASS,
+)
+PERIOD, T_REF, X_REF = 7.0, 40.0, 5e-3
+WEIGHTS = {"cos1": 0.1, "sin1": -0.2, "cos2": 0.05, "sin2": 0.07, "sin4": 0.3}
+TEMPERATURE, EFFORT, TIME = 30.0, 50.0, 2.3  # [K], [V^2], [s]
+
+
+def model(law: float, weights: dict[str, float]) -> Model:
+    structure = PLANT.structure.with_mechanisms(catalogue()["learned_swing"])
+    own = {"period": PERIOD, "reference_temperature": T_REF, "reference": X_REF, **weights}
+    laws = [law if m.name == "learned_swing" else 0.0 for m in structure.mechanisms]
+    values = PLANT.values() | {f"learned_swing.{k}": v for k, v in own.items()}
+    return Model(structure, laws=laws, ambient=PLANT.ambient).replace(values)
+
+
+@pytest.mark.parametrize("harmonics", HARMONICS)
+@pytest.mark.parametrize("form", FORMS, ids=lambda f: f"{f.what} {f.name}")
+def test_it_adds_its_term(form, harmonics):
+    weights = {w: v for w, v in WEIGHTS.items() if int(w[3:]) <= harmonics}
+    swings, still = (model(law_of(form, harmonics), w) for w in (weights, {}))
+    z = np.array([TEMPERATURE, 1e-3, 2e-3, TIME])
+    effort = np.array([EFFORT])
+    more_rates, more_read = (np.asarray(getattr(swings, f)(z, effort) - getattr(still, f)(z, effort))
+                             for f in ("rates", "observe"))  # fmt: skip
+    wave = {"cos": np.cos, "sin": np.sin}
+    s = sum(v * wave[w[:3]](2 * np.pi * int(w[3:]) * TIME / PERIOD) for w, v in weights.items())
+    f = TEMPERATURE / T_REF if form.factor else 1.0
+    rates, read = np.zeros(4), np.zeros(2)
+    if form.what == "drive":
+        rates[0] = GAIN * EFFORT * s / THERMAL_MASS
+    elif form.what == "heat":
+        rates[0] = -CONDUCTANCE * T_REF * f * s / THERMAL_MASS
+    elif form.what == "force":
+        rates[2] = -STIFFNESS * X_REF * f * s / MASS
+    else:
+        read[0 if form.what == "temperature reading" else 1] = (T_REF if "temp" in form.what else X_REF) * f * s
+    np.testing.assert_allclose(more_rates, rates, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(more_read, read, rtol=1e-9, atol=1e-12)
