@@ -21,7 +21,7 @@ Sort = Literal["single", "pair", "triple", "null", "outside", "foreign"]
 SORTS: tuple[Sort, ...] = ("single", "pair", "triple", "null", "outside", "foreign")
 Tier = Literal["none", "weak", "moderate", "strong"]
 TIERS: dict[Tier, tuple[float, float]] = {"weak": (1.25, 2.9), "moderate": (3.3, 8.0), "strong": (9.0, 25.0)}
-SEEDS = 5
+SEEDS = 5  # of a draw
 # (given, kept): three or two families to learn from, and others to be judged on
 FILES: tuple[tuple[tuple[Family, ...], tuple[Family, ...]], ...] = (
     (("step", "multilevel", "pulses"), ("sweep", "multilevel")),
@@ -82,7 +82,8 @@ def seen() -> frozenset[str]:
 
 def plan() -> list[Case]:
     """Every case, in order."""
-    return [*_singles(), *_several(2), *_several(3), *_nulls(), *_outside(), *_foreign()]
+    first = [*_singles(), *_several(2), *_several(3), *_nulls(), *_outside(), *_foreign()]
+    return [*first, *_several(2, draw=1), *_several(3, draw=1), *_nulls(draw=1)]
 
 
 class _Decks:
@@ -120,9 +121,13 @@ def _singles() -> list[Case]:
     return out
 
 
-def _several(size: int) -> list[Case]:
-    """Pairs or triples that go together, drawn evenly over the catalogue."""
-    rng = np.random.Generator(np.random.PCG64(40 + size))
+def _seeds(draw: int) -> range:
+    return range(1 + draw * SEEDS, 1 + (draw + 1) * SEEDS)
+
+
+def _several(size: int, *, draw: int = 0) -> list[Case]:
+    """Pairs or triples that go together, drawn evenly over the catalogue; another draw has other ones."""
+    rng = np.random.Generator(np.random.PCG64(40 + size + 1000 * draw))
     names = [n for n in CATALOGUE if n != "thermal_crosstalk"]
     number = 12 if size == 2 else 6
     sets: list[tuple[str, ...]] = []
@@ -134,9 +139,9 @@ def _several(size: int) -> list[Case]:
             sets.append(chosen)
             for n in chosen:
                 used[n] += 1
-    out, decks = [], _Decks(50 + size)
+    out, decks = [], _Decks(50 + size + 1000 * draw)
     sort: Sort = "pair" if size == 2 else "triple"
-    for i, (chosen, seed) in enumerate(itertools.product(sets, range(1, SEEDS + 1))):
+    for i, (chosen, seed) in enumerate(itertools.product(sets, _seeds(draw))):
         kinds: tuple[Kind, ...] = ("full", "full", "joint", "full", "plant" if size == 2 else "joint")
         kind = _shared_kind(chosen, kinds[seed % len(kinds)])
         effects = tuple((n, decks.law(n, (kind,))[0]) for n in chosen)
@@ -161,10 +166,10 @@ def _shared_kind(effects: tuple[str, ...], wish: Kind) -> Kind:
     return wish if wish in seen else "full" if "full" in seen else seen[0]
 
 
-def _nulls() -> list[Case]:
+def _nulls(*, draw: int = 0) -> list[Case]:
     messes: tuple[tuple[Mess, ...], ...] = ((), ("warm",), ("skipped",), ("outliers",), ("warm", "skipped", "outliers"))
-    out, decks = [], _Decks(60)
-    for i, (kind, mess, seed) in enumerate(itertools.product(KINDS, messes, range(1, SEEDS + 1))):
+    out, decks = [], _Decks(60 + 1000 * draw)
+    for i, (kind, mess, seed) in enumerate(itertools.product(KINDS, messes, _seeds(draw))):
         inside = seed == 1 and i in (0, 30, 60, 90, 70)
         level, files = decks.deal(LEVELS, f"level {kind}"), decks.deal(range(len(FILES)), f"files {kind}")
         out.append(Case("null", (), kind, "none", level, seed, files, mess, inside))
