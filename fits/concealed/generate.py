@@ -58,7 +58,9 @@ def selection(parser: argparse.ArgumentParser) -> None:
     """Options that say which cases."""
     parser.add_argument("--sort", "--kind", dest="sort", choices=SORTS, action="append", default=[], help="repeatable")
     parser.add_argument("--only", metavar="PATTERN", action="append", default=[], help="part of a label, as *creep*s1")
-    parser.add_argument("--seeds", metavar="N", type=int, nargs="+", default=[], help="1 to 5; 6 to 10: more pairs, triples and nulls")
+    parser.add_argument(
+        "--seeds", metavar="N", type=int, nargs="+", default=[], help="1 to 5; 6 to 10: more pairs, triples and nulls"
+    )
     parser.add_argument("--cases", metavar="N", type=int, help="so many of them, spread evenly")
     parser.add_argument("--subset", action="store_true", help="the balanced selection of about forty")
     parser.add_argument("--unseen", action="store_true", help="only those never run while the engine was built")
