@@ -13,7 +13,7 @@ from scpjax.diagnose.answer import answer
 from scpjax.diagnose.curve import Curve
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.exchange import exchanged
-from scpjax.diagnose.free import Free, free_law
+from scpjax.diagnose.free import Free, free_law, one_for_several
 from scpjax.diagnose.holdout import Split, split
 from scpjax.diagnose.latent import Misfit, missing
 from scpjax.diagnose.locate import observe
@@ -169,7 +169,15 @@ def _chosen(
         return parts, base, free.choice(base, choice), free.curve, notes
     tell("each name against what could stand in its place", 0.7)
     choice = exchanged(choice, base, parts, options.evidence, catalogue)
-    return *_settled(parts, base, choice, options.evidence), None, notes
+    parts, base, choice = _settled(parts, base, choice, options.evidence)
+    free = one_for_several(base, choice, parts, options.evidence)
+    if free is None:
+        return parts, base, choice, None, notes
+    notes = (
+        *notes,
+        f"{' and '.join(choice.state.names)} together would predict the same as {free.names[0]} by its curve",
+    )
+    return parts, base, free.choice(base, choice), free.curve, notes
 
 
 def _settled(parts: Split, base: State, choice: Choice, rules: Evidence) -> tuple[Split, State, Choice]:

@@ -11,12 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit
 
-from scpjax.diagnose.curve import Curve, curves, finer
+from scpjax.diagnose.curve import CURVES, Curve, curves, finer
 from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, ahead, are_equal, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.outside import AT_NOISE, level
 from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State
+from scpjax.physics.catalogue import mechanism
+from scpjax.physics.curves import Form
+from scpjax.physics.mechanism import Mechanism
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,30 @@ def free_law(base: State, rival: State, split: Split, rules: Evidence) -> Free |
     alike = [c for c in able if c is not best and are_equal(c.state, best.state, base, split, rules)]
     names = dict.fromkeys(n for c in (best, *alike) for n in c.form.names)
     return Free(best, tuple(names)[: EQUIVALENTS + 1], float(expit(ahead(best.state, rival, split, rules) / 2)))
+
+
+def one_for_several(base: State, choice: Choice, split: Split, rules: Evidence) -> Free | None:
+    """One mechanism under a law of its own that predicts what several named ones do, all of which a curve in a balance
+    could be; None where none does. It is as likely as the least likely of them.
+    """
+    state = choice.state
+    able = {n: m.subsystem for m in map(mechanism, CURVES) for form in _forms(m) for n in form.names}
+    where = {able.get(n, "") for n in state.names}
+    if len(state.names) < 2 or len(where) > 1 or "" in where:
+        return None
+    found = [
+        finer(c, base, split, rules) for c in curves(base, split, rules, [*where], allowed=lambda f: bool(f.names))
+    ]
+    found = [c for c in found if are_equal(c.state, state, base, split, rules)]
+    if not found:
+        return None
+    best, *others = sorted(found, key=lambda c: -ahead(c.state, base, split, rules))
+    names = dict.fromkeys(n for c in (best, *others) for n in c.form.names)
+    return Free(best, tuple(names)[: EQUIVALENTS + 1], min(choice.probability[n] for n in state.names))
+
+
+def _forms(m: Mechanism) -> tuple[Form, ...]:
+    return m.forms  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _fitted(curve: Curve, split: Split) -> float:

@@ -123,14 +123,12 @@ def draw_swing(found: Swing, every: Mapping[str, Estimate], values: Mapping[str,
     at = [doubt.keys.index(k) for k in found.keys]
     spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", waves, doubt.covariance[np.ix_(at, at)], waves), 0.0))
     curve = waves @ weights
-    error = f" ± {1.96 * period.std:.1g}" if np.isfinite(period.std) else ""
-    says = (
-        f"{what} {found.form.name}, s from {curve.min():.3g} to {curve.max():.3g} {unit} and back every "
-        f"({period.value:.4g}{error}) s"
-    )
+    every_s = _with_error(period.value, period.std)
+    says = f"{what} {found.form.name}, s from {curve.min():.3g} to {curve.max():.3g} {unit} and back every {every_s} s"
     if found.harmonics == 1:
         ahead = float(np.arctan2(weights[0], weights[1]))
-        turn = f"sin(2π t/(({period.value:.4g}{error}) s) {ahead:+.2f})"
+        shift = f" {'+-'[ahead < 0]} {abs(ahead):.2f}" if abs(ahead) >= 0.005 else ""
+        turn = f"sin(2π t/({every_s} s){shift})"
         says = f"{what} {found.form.name}, s = {size * np.hypot(*weights):.3g} {unit} {turn}"
     return Closure(
         subsystem,
@@ -142,3 +140,11 @@ def draw_swing(found: Swing, every: Mapping[str, Estimate], values: Mapping[str,
         found.evidence.delta_bic,
         Drawn("time", "s", found.form.name, unit, phase * period.value, curve, spread, "", curve, 0.0),
     )
+
+
+def _with_error(value: float, std: float) -> str:
+    """A period and its standard error, to the last digit that counts, in brackets."""
+    if not (np.isfinite(std) and std > 0):
+        return f"{value:.4g}"
+    places = max(-int(np.floor(np.log10(std))), 0)
+    return f"({value:.{places}f} ± {std:.{places}f})"

@@ -24,13 +24,13 @@ def ambients(recordings: Sequence[Recording], s: Structure, sigma: float) -> tup
     known = [_told(r, s) for r in recordings]
     begun = {i: b for i, r in enumerate(recordings) if known[i] is None and (b := _beginning(r, s, sigma)) is not None}
     together = _common(list(begun.values()))
-    notes = []
+    notes, names = [], [r.metadata.name or f"recording {i}" for i, r in enumerate(recordings)]
     for i, (value, _) in begun.items():
         taken = value if together is None else together
         known[i] = taken
         where = "the first readings" if together is None or len(begun) == 1 else "the first readings of all recordings"
-        notes.append(f"{recordings[i].metadata.name}: ambient not given; taken from {where}, {taken - 273.15:.2f} degC")
-    doubted = tuple(d for i, (value, _) in begun.items() for d in doubts_of_ambient(recordings[i].metadata.name, value))
+        notes.append(f"{names[i]}: ambient not given; taken from {where}, {taken - 273.15:.2f} degC")
+    doubted = tuple(d for i, (value, _) in begun.items() for d in doubts_of_ambient(names[i], value))
     return [_FALLBACK if value is None else value for value in known], doubted + tuple(notes)
 
 

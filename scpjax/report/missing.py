@@ -140,7 +140,7 @@ def learned(d: Diagnosis, shapes: dict[str, bytes]) -> str:
         else f"No mechanism of the catalogue explains it, but this {form} does better than none."
     )
     head = "The law" if is_law else "Correction" if corrects else "Learned, not named"
-    error = "; ± is one standard error" if c.curve is None else ""
+    error = "; ± is one standard error" * ("±" in c.expression)
     drawn, other = "", " or ".join(c.equivalents)
     if c.curve is not None:
         shapes["closure"] = plot.png(curve(c.curve))

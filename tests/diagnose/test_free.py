@@ -9,8 +9,9 @@ from diagnose.heated import LOSS, base_of, nothing, recorded, rubbed_by_air
 from scpjax.diagnose.answer import TRUSTED
 from scpjax.diagnose.diagnose import diagnose
 from scpjax.diagnose.evidence import Evidence, at_its_least, compare
-from scpjax.diagnose.free import free_law
+from scpjax.diagnose.free import free_law, one_for_several
 from scpjax.diagnose.rivals import added
+from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State
 from scpjax.physics.catalogue import catalogue, mechanism
 from scpjax.physics.mechanisms.learned_force_curve import LearnedForceCurve
@@ -63,6 +64,20 @@ def test_a_law_of_the_catalogue_that_does_as_well_is_not_given_up():
     named = added(base, "nonlinear_heat_loss", parts)
     assert free_law(base, named, parts, Evidence()) is None
     assert free_law(base, base, parts, Evidence()) is not None
+
+
+def test_one_mechanism_by_a_curve_stands_for_two_that_do_no_better():
+    base, parts = base_of(recorded(lambda _t, temperature, _x: 0.3 * LOSS * temperature * (temperature / 40.0)))
+    one = added(base, "nonlinear_heat_loss", parts)
+    for second, found in (("resistance_temperature", True), ("slack", False)):
+        both = added(one, second, parts)
+        chance = {"nonlinear_heat_loss": 0.9, second: 0.6}
+        free = one_for_several(base, Choice(both, (), chance, {}), parts, Evidence())
+        assert (free is not None) == found
+        if free is not None:
+            assert free.names[0] == "nonlinear_heat_loss"
+            assert free.probability == 0.6
+    assert one_for_several(base, Choice(one, (), chance, {}), parts, Evidence()) is None
 
 
 @pytest.mark.parametrize("curve", [LearnedForceCurve, LearnedHeatCurve, LearnedReadingCurve])
