@@ -103,6 +103,8 @@ def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float
     if expression:
         says += f", s ≈ {expression}"
     variables = [("drive" if v == "effort" else v) for v in (form.factor, form.variable) if v]
+    if subsystem == "thermoelectric" and variables == ["drive"]:
+        subsystem = "drive"
     return Closure(
         subsystem,
         place,

@@ -31,8 +31,10 @@ class Free:
     probability: float
 
     def choice(self, base: State, tried: Choice) -> Choice:
-        """As what is chosen, after what was tried."""
-        name, *others = self.names
+        """As what is chosen, after what was tried: of the names of a curve the one whose laws came nearest first."""
+        near = {r.name: r.delta_bic for r in reversed(tried.ranking) if r.round == 1}
+        name = max(self.curve.form.names, key=lambda n: near.get(n, -np.inf))
+        others = [n for n in self.names if n != name]
         return Choice(base, tried.ranking, {name: self.probability}, {name: tuple(others)}, free=name)
 
 

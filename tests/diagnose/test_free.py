@@ -4,12 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnose.heated import LOSS, base_of, nothing, recorded, rubbed_by_air
+from diagnose.creeping import BASE
+from diagnose.heated import DRIVE, LOSS, base_of, nothing, recorded, rubbed_by_air
 
 from scpjax.diagnose.answer import TRUSTED
 from scpjax.diagnose.diagnose import diagnose
 from scpjax.diagnose.evidence import Evidence, at_its_least, compare
 from scpjax.diagnose.free import free_law, one_for_several
+from scpjax.diagnose.outside import level
+from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import added
 from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State
@@ -66,6 +69,26 @@ def test_a_law_of_the_catalogue_that_does_as_well_is_not_given_up():
     assert free_law(base, base, parts, Evidence()) is not None
 
 
+def starved(t: float, _temperature: float, _x: float) -> float:
+    """What a source resistance takes from the heating: no law of the catalogue."""
+    volts = DRIVE[min(int(t / 0.1 + 1e-6), len(DRIVE) - 1)]
+    return BASE["joule_heating.gain"] * (volts**2 - (volts / (1.0 + 0.15 * volts)) ** 2)
+
+
+def test_a_drive_that_reaches_the_wire_by_a_law_of_its_own_goes_by_the_nearest_name():
+    base, parts = base_of(recorded(starved, quiet=0.2))
+    sag = added(base, "supply_sag", parts)
+    free = free_law(base, sag, parts, Evidence())
+    assert free is not None
+    assert free.curve.form.variable == "effort"
+    assert level(free.curve.state, parts) < 1.1 < level(sag, parts)
+    for near in ("supply_sag", "drive_dead_zone"):
+        ranking = tuple(Ranked(n, 10.0 + (n == near), 0.5, 0.5) for n in ("drive_dead_zone", "supply_sag"))
+        choice = free.choice(base, Choice(sag, ranking, {}, {}))
+        assert choice.free == near
+        assert set(choice.equivalents[near]) | {near} >= {"supply_sag", "drive_dead_zone"}
+
+
 def test_one_mechanism_by_a_curve_stands_for_two_that_do_no_better():
     base, parts = base_of(recorded(lambda _t, temperature, _x: 0.3 * LOSS * temperature * (temperature / 40.0)))
     one = added(base, "nonlinear_heat_loss", parts)
@@ -83,8 +106,11 @@ def test_one_mechanism_by_a_curve_stands_for_two_that_do_no_better():
 @pytest.mark.parametrize("curve", [LearnedForceCurve, LearnedHeatCurve, LearnedReadingCurve])
 def test_forms_go_by_names_of_the_catalogue_in_the_same_balance(curve):
     for form in curve.forms:
+        where = (
+            "drive" if (form.factor, form.variable) == ("", "effort") and curve is LearnedHeatCurve else curve.subsystem
+        )
         for name in form.names:
-            assert catalogue()[name].subsystem == curve.subsystem
+            assert catalogue()[name].subsystem == where
 
 
 def at_strength(state: State, name: str, value: float) -> State:

@@ -30,6 +30,7 @@ class LearnedHeatCurve(LearnedCurve):
         Form("effort", "temperature", names=("resistance_temperature",)),
         Form("effort", "displacement"),
         Form("", "temperature", "store"),
+        Form("", "effort", names=("supply_sag", "drive_dead_zone")),
     )
 
     def heat(self, p: Values, view: View) -> Side:
