@@ -6,6 +6,7 @@ all base parameters, with few pieces and with many, and judged on stretches held
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -21,14 +22,17 @@ from scpjax.fit.problem import CEILING, Trial, initial_state, unpack
 from scpjax.fit.setup import Setup, carry
 from scpjax.fit.solve import batches, binned_of, evaluate, make_room, stack
 from scpjax.physics.catalogue import mechanism
-from scpjax.physics.curves import PIECES, VARIABLES, WEIGHTS, Form, basis, form_of
+from scpjax.physics.curves import PIECES, VARIABLES, WEIGHTS, Form, basis, form_of, share_of
 from scpjax.physics.mechanism import Mechanism
+from scpjax.recordings.recording import Recording
 from scpjax.simulate.drive import Grid
 from scpjax.simulate.simulate import node_states
 
 CURVES = ("learned_heat_curve", "learned_force_curve", "learned_reading_curve")
 _TRIED = 3  # forms of a balance, fitted
 _STEPS = 96
+_COMPARED = 400  # places in time at which drives are compared
+_DIFFER = 0.5  # RMS difference of two drives, in units of the lesser one's RMS, from which they differ
 _MARGIN = 0.03  # of a range, added at both ends
 
 
@@ -60,6 +64,17 @@ class Curve:
     def reference(self, name: str) -> float:
         """A fixed number of it: an end of a variable's range."""
         return float(self.state.values[self.state.setup.structure.index[f"{self.mechanism}.{name}"]])
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Its variable's range."""
+        low, high = (self.reference(f"{self.form.variable}_{end}") for end in ("low", "high"))
+        return low, high
+
+    @property
+    def zero(self) -> float:
+        """Where rest is in that range, from 0 to 1."""
+        return min(max(float(share_of(self.form.variable, 0.0, *self.ends)), 0.0), 1.0)
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -134,6 +149,7 @@ def ranges(state: State, split: Split) -> dict[str, float]:
         if v in names:
             seen[v] = np.asarray(states[..., names.index(v)])
     seen["effort"] = np.asarray(efforts)
+    seen["time"] = np.array([r.time[-1] - r.time[0] for r in state.setup.recordings])
     out = {}
     for v, x in seen.items():
         x = x[np.isfinite(x)]
@@ -145,10 +161,24 @@ def ranges(state: State, split: Split) -> dict[str, float]:
     return out
 
 
+def drives_differ(recordings: Sequence[Recording]) -> bool:
+    """Whether some two recordings were driven so differently that what they have in common over time is the time's:
+    under one drive whatever is slow is a curve of the time.
+    """
+    for a, b in itertools.combinations(recordings, 2):
+        at = np.linspace(0.0, min(a.time[-1] - a.time[0], b.time[-1] - b.time[0]), _COMPARED)
+        one, other = (r.inputs[np.searchsorted(r.time - r.time[0], at, "right") - 1] for r in (a, b))
+        if np.sum((one - other) ** 2) > _DIFFER**2 * min(np.sum(one**2), np.sum(other**2)):
+            return True
+    return False
+
+
 def _of(m: Mechanism, state: State, split: Split, rules: Evidence, allowed: Callable[[Form], bool]) -> list[Curve]:
     """The forms of a balance that promise most, fitted with few pieces."""
     forms: tuple[Form, ...] = m.forms  # pyright: ignore[reportAttributeAccessIssue]
     laws = [law for law in range(0, len(m.laws), len(PIECES)) if allowed(form_of(forms, law)[0])]
+    if not drives_differ(state.setup.recordings):
+        laws = [law for law in laws if form_of(forms, law)[0].variable != "time"]
     if not laws:
         return []
     problem = grown(state.setup, m)
@@ -183,8 +213,7 @@ def finer(found: Curve, before: State, split: Split, rules: Evidence) -> Curve:
     """The same curve with more pieces, from where it stands, if that predicts what was held out better."""
     m, law, problem = mechanism(found.mechanism), found.law + 1, found.state.setup
     where = np.linspace(0.0, 1.0, 60)
-    low, high = (found.reference(f"{found.form.variable}_{end}") for end in ("low", "high"))
-    zero = min(max(-low / (high - low), 0.0), 1.0)
+    zero = found.zero
     weights = np.array([found.state.values[problem.structure.index[k]] for k in found.keys])
     now = basis(where, zero, PIECES[0]) @ weights
     more = np.linalg.lstsq(basis(where, zero, PIECES[1]), now, rcond=1e-9)[0]

@@ -15,7 +15,7 @@ from scpjax.diagnose.expression import WHAT, scale_of, shown
 from scpjax.diagnose.result import Closure, Drawn
 from scpjax.fit.identifiability import Uncertainty
 from scpjax.fit.result import Estimate
-from scpjax.physics.curves import SYMBOLS, basis
+from scpjax.physics.curves import SYMBOLS, basis, value_at
 
 _POINTS = 61
 _CLOSE = 0.995  # share of a curve's variation with which one function is enough
@@ -84,18 +84,17 @@ def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float
     form, units = found.form, shown(found.state.setup.structure.drive)
     alike = tuple(f"{WHAT[c.place][0]} = {c.form.name}" for c in found.alike)
     own, own_size = units[form.variable]
-    low, high = (found.reference(f"{form.variable}_{end}") for end in ("low", "high"))
     place = found.place
     what, unit, subsystem = WHAT[place]
     scale = scale_of(place, values, found.reference("temperature_high"), found.reference("displacement_high"))
     if form.factor:
         scale /= found.reference(f"{form.factor}_high") * units[form.factor][1]
     z = np.linspace(0.0, 1.0, _POINTS)
-    matrix = scale * basis(z, min(max(-low / (high - low), 0.0), 1.0), found.pieces)
+    matrix = scale * basis(z, found.zero, found.pieces)
     weights = np.array([every[k].value for k in found.keys])
     index = [doubt.keys.index(k) for k in found.keys]
     spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", matrix, doubt.covariance[np.ix_(index, index)], matrix), 0.0))
-    at = (low + z * (high - low)) * own_size
+    at = value_at(form.variable, z, *found.ends) * own_size
     curve = matrix @ weights
     per = f"{unit}/{units[form.factor][0]}" if form.factor else unit
     expression, near, share = distilled(at, curve, SYMBOLS[form.variable], own, per)

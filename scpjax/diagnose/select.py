@@ -31,6 +31,7 @@ Progress = Callable[[str, float], None]
 
 _STRAIGHT = 1.3  # mean square, in units of the noise's, up to which a base model has not been bent
 _CLOSE = 20.0  # difference of BIC (10 nats) up to which two mechanisms are close
+_BEHIND = 10.0  # difference of BIC (5 nats) from which a mechanism is behind another
 _WAYS = 2  # gone at a time
 _OTHERS = 2  # gone where the best one ends away from the noise
 FAR = 1.15**2
@@ -209,6 +210,12 @@ class _Tried:
     ranking: tuple[Ranked, ...]
     accepted: list[Comparison]
     chance: dict[str, float]
+    best: float  # evidence of what has most, worth it or not
+
+    @property
+    def ends(self) -> bool:
+        """Whether nothing more is to be named: beyond a first, nothing that is behind what is too small for one."""
+        return not self.accepted or (bool(self.way.state.names) and self.best - self.accepted[0].delta_bic > _BEHIND)
 
 
 def _tried(search: _Search, way: _Branch, round_: int, tell: Callable[[str, int], None]) -> _Tried:
@@ -219,12 +226,13 @@ def _tried(search: _Search, way: _Branch, round_: int, tell: Callable[[str, int]
     p = probabilities(tried)
     ranked = (Ranked(c.added, c.delta_bic, c.held_out_gain, p[c.added], c.law, round_) for c in tried)
     accepted = [c for c in tried if c.accepted and worthwhile(way.state, c.state, search.base, split, rules.worth)]
-    return _Tried(way, (*way.ranking, *ranked), accepted, p)
+    best = max((c.delta_bic for c in tried if c.accepted), default=0.0)
+    return _Tried(way, (*way.ranking, *ranked), accepted, p, best)
 
 
 def _one_more(search: _Search, found: _Tried) -> list[_Branch]:
     """A branch with one mechanism more: the best one, and where that does not reach the noise one that is close."""
-    if not found.accepted:
+    if found.ends:
         return [replace(found.way, ranking=found.ranking, ended=True)]
     out: list[_Branch] = []
     for c in found.accepted[:_WAYS]:
@@ -260,7 +268,7 @@ def _by_another_way(
         way = _named(search, first, c)
         for round_ in range(2, rules.most + 1):
             found = _tried(search, way, round_, tell)
-            if not found.accepted:
+            if found.ends:
                 break
             way = _named(search, found, found.accepted[0])
             if not is_better(way.state, leaders[min(round_, len(leaders)) - 1].state, split, rules):

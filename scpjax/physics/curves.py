@@ -2,7 +2,8 @@
 
 ``s(w) = sum_k c_k (B(n z - k) - B(n z_0 - k))`` with z from 0 to 1 over the range that was seen, z_0 where w is 0, B
 the cardinal cubic B-spline and n the number of pieces (de Boor, A Practical Guide to Splines, 2001, ch. IX); s is 0 at
-rest, and beyond the range goes on straight for `BEYOND` of it, then stays as it is.
+rest, and beyond the range goes on straight for `BEYOND` of it, then stays as it is. Of the time z is a logarithm, as
+what drifts or wears does so the most at first: z = ln(1 + a t/t_high)/ln(1 + a).
 """
 
 from __future__ import annotations
@@ -21,13 +22,14 @@ from scpjax.physics.mechanism import Mechanism, Side, Values, View
 PIECES = (3, 6)
 """Numbers of pieces between which the recordings choose."""
 _MOST = max(PIECES) + 2
+_EARLY = 20.0  # a, in the z of the time
 BEYOND = 0.5
 """Of the range, for which a curve goes on beyond its ends."""
 WEIGHTS = tuple(f"c{k + 1}" for k in range(_MOST))
 
-VARIABLES = ("temperature", "displacement", "velocity", "effort")
-SYMBOLS = {"temperature": "T", "displacement": "x", "velocity": "v", "effort": "u", "": ""}
-UNITS = {"temperature": "K", "displacement": "m", "velocity": "m/s", "effort": "drive"}
+VARIABLES = ("temperature", "displacement", "velocity", "effort", "time")
+SYMBOLS = {"temperature": "T", "displacement": "x", "velocity": "v", "effort": "u", "time": "t", "": ""}
+UNITS = {"temperature": "K", "displacement": "m", "velocity": "m/s", "effort": "drive", "time": "s"}
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,20 @@ def parameters() -> tuple[Parameter, ...]:
     return free + fixed
 
 
+def share_of(variable: str, value: ArrayLike, low: ArrayLike, high: ArrayLike) -> Array:
+    """z: where a value lies in the range, from 0 to 1."""
+    if variable == "time":
+        return jnp.log1p(_EARLY * jnp.asarray(value) / high) / math.log1p(_EARLY)
+    return (jnp.asarray(value) - low) / (jnp.asarray(high) - low)
+
+
+def value_at(variable: str, z: np.ndarray, low: float, high: float) -> np.ndarray:
+    """The value at a place in the range: the inverse of `share_of`."""
+    if variable == "time":
+        return high * np.expm1(z * math.log1p(_EARLY)) / _EARLY
+    return low + z * (high - low)
+
+
 def basis(z: np.ndarray, zero: float, pieces: int) -> np.ndarray:
     """(n, pieces + 2) of the places z in the range, as `product` has them."""
     k = np.arange(pieces + 2)
@@ -124,9 +140,9 @@ def product(forms: tuple[Form, ...], p: Values, view: View, of: str = "") -> Sid
     places, zeros, factors, mine = [], [], [], []
     for f in forms:
         low, high = getattr(p, f"{f.variable}_low"), getattr(p, f"{f.variable}_high")
-        now = getattr(view, f.variable)
-        places.append(jnp.clip((now - low) / (high - low), -BEYOND, 1.0 + BEYOND))
-        zeros.append(jnp.clip(-low / (high - low), 0.0, 1.0))
+        now = getattr(view, f.variable) * jnp.ones_like(view.temperature)  # the time is the same for both sides
+        places.append(jnp.clip(share_of(f.variable, now, low, high), -BEYOND, 1.0 + BEYOND))
+        zeros.append(jnp.clip(share_of(f.variable, 0.0, low, high), 0.0, 1.0))
         top = getattr(p, f"{f.factor}_high") if f.factor else 1.0
         factors.append(getattr(view, f.factor) / top if f.factor else jnp.ones_like(now))
         mine.append(1.0 if f.of == of else 0.0)
@@ -150,6 +166,7 @@ class LearnedCurve(Mechanism):
     source = "closure by a cubic spline, fitted through the simulation: de Boor, A Practical Guide to Splines (2001)"
     excited_by = "whatever excited it in the recordings"
     learned = True
+    timed = True
     parameters = parameters()
     starts = ((0.0,) * len(parameters),)
     forms: ClassVar[tuple[Form, ...]] = ()

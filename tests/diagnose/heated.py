@@ -29,19 +29,20 @@ def nothing(_t: float, _temperature: float, _moved: float) -> float:
 
 def recorded(
     heat: Callable[[float, float, float], float],
-    rattle: float = 0.0,
+    rattle: float | np.ndarray = 0.0,
     seed: int = 0,
     stiff: Callable[[float], float] = lambda temperature: 1.0,
     quiet: float = 1.0,
+    drive: np.ndarray = DRIVE,
 ) -> Recording:
     """Made by scipy: a plant with one more heat flow out of the wire [W], and a spring as stiff as told, from rest;
-    ``quiet`` times the noise."""
+    ``quiet`` times the noise, under ``drive`` [V]."""
     k, b, m = (BASE[n] for n in ("elastic_spring.stiffness", "viscous_damping.damping", "inertia.mass"))
     z, path = np.zeros(3), [np.zeros(3)]
     for i, gap in enumerate(np.diff(TIME)):
 
         def rates(t, z, i=i):
-            power = DRIVE[i] ** 2 * BASE["joule_heating.gain"] - LOSS * z[0] - heat(t, z[0], z[1])
+            power = drive[i] ** 2 * BASE["joule_heating.gain"] - LOSS * z[0] - heat(t, z[0], z[1])
             pull = BASE["thermal_actuation.coefficient"] * z[0] - k * stiff(z[0]) * z[1]
             return [power / MASS, z[2], (pull - b * z[2]) / m]
 
@@ -53,11 +54,11 @@ def recorded(
     meta = Metadata(
         name="made", known=(("resistance_ohm", 1.2), ("moving_mass_kg", 0.25)), ambient_K=AMBIENT, model="plant"
     )
-    return Recording.from_arrays(TIME, {"voltage_V": DRIVE}, outputs, metadata=meta)
+    return Recording.from_arrays(TIME, {"voltage_V": drive}, outputs, metadata=meta)
 
 
-def base_of(recording: Recording) -> tuple[State, Split]:
-    setup = prepare([recording])
+def base_of(*recordings: Recording) -> tuple[State, Split]:
+    setup = prepare(recordings)
     parts = split(setup.data)
     trial, _, _ = best_start(setup, parts.train)
     trial, _, cost = refine(setup, parts.train, trial)

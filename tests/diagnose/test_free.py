@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnose.creeping import BASE
-from diagnose.heated import DRIVE, LOSS, base_of, nothing, recorded, rubbed_by_air
+from diagnose.heated import DRIVE, LOSS, TIME, base_of, nothing, recorded, rubbed_by_air
 
 from scpjax.diagnose.answer import TRUSTED
+from scpjax.diagnose.curve import curves, drives_differ
 from scpjax.diagnose.diagnose import diagnose
 from scpjax.diagnose.evidence import Evidence, at_its_least, compare
 from scpjax.diagnose.free import free_law, one_for_several
@@ -20,6 +21,7 @@ from scpjax.physics.catalogue import catalogue, mechanism
 from scpjax.physics.mechanisms.learned_force_curve import LearnedForceCurve
 from scpjax.physics.mechanisms.learned_heat_curve import LearnedHeatCurve
 from scpjax.physics.mechanisms.learned_reading_curve import LearnedReadingCurve
+from scpjax.recordings import excitation
 
 
 def softest(temperature: float) -> float:
@@ -87,6 +89,23 @@ def test_a_drive_that_reaches_the_wire_by_a_law_of_its_own_goes_by_the_nearest_n
         choice = free.choice(base, Choice(sag, ranking, {}, {}))
         assert choice.free == near
         assert set(choice.equivalents[near]) | {near} >= {"supply_sag", "drive_dead_zone"}
+
+
+def test_a_drift_by_a_law_of_its_own_is_told_by_two_drives_not_by_one():
+    slips = 0.4 * np.log1p(TIME / 0.5) / np.log1p(240.0)  # mm, the most at once and ever less
+    _, other = excitation.multilevel_random(duration_s=120, period_s=0.1, hold_s=6, low=0, high=4, seed=8)
+    both = [recorded(nothing, rattle=slips, quiet=0.2, drive=drive) for drive in (DRIVE, other)]
+    assert drives_differ(both)
+    assert not drives_differ([both[0], both[0]])
+    base, parts = base_of(*both)
+    named = added(base, "sensor_drift", parts)
+    free = free_law(base, named, parts, Evidence())
+    assert free is not None
+    assert free.names[0] == "sensor_drift"
+    assert (free.curve.form.variable, free.curve.form.of) == ("time", "displacement")
+    assert level(free.curve.state, parts) < 1.15 < level(named, parts)
+    base, parts = base_of(both[0])
+    assert all(c.form.variable != "time" for c in curves(base, parts, Evidence()))
 
 
 def test_one_mechanism_by_a_curve_stands_for_two_that_do_no_better():

@@ -122,6 +122,17 @@ def test_another_way_that_only_adds_a_name_has_to_be_worth_it(monkeypatch, worth
     assert chosen() == names
 
 
+@pytest.mark.parametrize(("small", "names"), [(300.0, {"a"}), (495.0, {"a", "c"})])
+def test_beyond_a_first_name_what_is_behind_something_too_small_is_not_named(monkeypatch, small, names):
+    """Beside ``a``, ``b`` has more evidence than ``c`` but takes too little away to be named."""
+    played(monkeypatch, {"a": 500.0, "ab": small, "ac": 497.0 - 12.0})
+    monkeypatch.setattr(select, "worthwhile", lambda before, after, *_: "b" not in after.names)
+    assert chosen() == names
+    played(monkeypatch, {"b": 300.0, "c": 500.0})
+    monkeypatch.setattr(select, "worthwhile", lambda before, after, *_: "b" not in after.names)
+    assert chosen() == {"c"}  # of first names what is worth it leads
+
+
 def test_another_way_that_falls_behind_is_left(monkeypatch):
     asked = played(monkeypatch, {"a": 500.0, "b": 900.0, "ac": 300.0, "bc": 400.0, "bcd": 1.0})
     assert chosen() == {"a", "c"}

@@ -43,6 +43,7 @@ ACTIVE = {
         "acceleration": 1.7,
         "onset": 0.5,
         "width": 0.2,
+        "activation": 4000.0,
         "reference": 0.0005,
         "reference_temperature": 20.0,
         "reference_time": 6.0,

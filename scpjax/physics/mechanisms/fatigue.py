@@ -9,6 +9,7 @@ from scpjax.physics.mechanism import Mechanism, Side, Values, View
 from scpjax.physics.smooth import rise
 
 _COLD = 1e-6  # of the reference excess, below which nothing ages: a power's slope is finite there
+_FROZEN = 50.0  # K, below which no actuator is
 STROKES = 10.0  # travels of the reference displacement for which the loss is stated
 
 
@@ -19,19 +20,25 @@ class Fatigue(Mechanism):
     equation = (
         "F = C T (1 - b (1 - exp(-a w/b))), w = 0 at the start;  law strokes: dw/dt = |v|/(10 x_ref);  "
         "law heat: dw/dt = (max(T, 0)/T_ref)^n / t_ref;  law time: w = t/t_ref;  "
-        "law onset: dw/dt = (tanh((T/T_ref - c)/d) + tanh(c/d))/2 / t_ref"
+        "law onset: dw/dt = (tanh((T/T_ref - c)/d) + tanh(c/d))/2 / t_ref;  "
+        "law Arrhenius: dw/dt = exp(E (1/(T_amb + T_ref) - 1/(T_amb + T))) / t_ref"
     )
     source = (
         "loss of stroke over cycles of twisted and coiled nylon: Haines et al., Science 343 (2014) 868; annealing "
         "under load, and its onset at a transition: Struik, Physical Aging in Amorphous Polymers and Other Materials, "
-        "ch. 4"
+        "ch. 4; ageing of polymers by Arrhenius' law: Celina, Gillen, Assink, Polym. Degrad. Stab. 90 (2005) 395"
     )
     says = "With every stroke, or every hot minute, the coil's pull grows weaker."
     needs = ("mechanical",)
     excited_by = "the same input again and again"
     timed = True
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"acceleration": (1,), "onset": (3,), "width": (3,)}
-    laws = ("strokes", "heat", "time", "onset")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {
+        "acceleration": (1,),
+        "onset": (3,),
+        "width": (3,),
+        "activation": (4,),
+    }
+    laws = ("strokes", "heat", "time", "onset", "Arrhenius")
     states = ("wear",)
     parameters = (
         Parameter(
@@ -39,7 +46,8 @@ class Fatigue(Mechanism):
             symbol="a",
             unit="1",
             description="share of the force that would be lost, at the pace of the beginning, in ten travels of the "
-            "reference displacement (strokes), the reference time at the reference excess (heat), that time (time)",
+            "reference displacement (strokes), the reference time at the reference excess (heat, Arrhenius) or in that "
+            "time (time)",
             typical=0.3,
             bounds=(0.003, 30.0),
             null=0.0,
@@ -86,6 +94,16 @@ class Fatigue(Mechanism):
             spread=0.7,
         ),
         Parameter(
+            name="activation",
+            symbol="E",
+            unit="K",
+            description="activation energy over the gas constant (law Arrhenius)",
+            typical=5000.0,
+            bounds=(500.0, 40000.0),
+            null=5000.0,
+            spread=0.7,
+        ),
+        Parameter(
             name="reference",
             symbol="x_ref",
             unit="m",
@@ -116,7 +134,7 @@ class Fatigue(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.3, 0.6, 1.0, 0.4, 0.15, 0.0, 0.0, 0.0),)
+    starts = ((0.3, 0.6, 1.0, 0.4, 0.15, 5000.0, 0.0, 0.0, 0.0),)
 
     def force(self, p: Values, view: View) -> Side:
         wear = p.loss * jnp.where(p.law == 2, view.time / p.reference_time, view.own[0])
@@ -127,7 +145,9 @@ class Fatigue(Mechanism):
         excess = jnp.maximum(view.temperature / p.reference_temperature, _COLD)
         heat = (excess**p.acceleration - _COLD**p.acceleration) / p.reference_time
         onset = rise(view.temperature / p.reference_temperature, p.onset, p.width) / p.reference_time
-        return (jnp.where(p.law == 0, strokes, jnp.where(p.law == 3, onset, heat)),)
+        hottest, hot = view.ambient + p.reference_temperature, jnp.maximum(view.ambient + view.temperature, _FROZEN)
+        arrhenius = jnp.exp(p.activation * (1.0 / hottest - 1.0 / hot)) / p.reference_time
+        return (jnp.select([p.law == 0, p.law == 3, p.law == 4], [strokes, onset, arrhenius], heat),)
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
         return (jnp.zeros_like(view.displacement),)

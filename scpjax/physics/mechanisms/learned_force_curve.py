@@ -18,6 +18,7 @@ class LearnedForceCurve(LearnedCurve):
         Form("displacement", "temperature", names=("thermal_softening",)),
         Form("", "velocity"),
         Form("displacement", "velocity"),
+        Form("temperature", "time", names=("fatigue",)),
     )
 
     def force(self, p: Values, view: View) -> Side:

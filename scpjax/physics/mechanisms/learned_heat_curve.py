@@ -31,6 +31,7 @@ class LearnedHeatCurve(LearnedCurve):
         Form("effort", "displacement"),
         Form("", "temperature", "store"),
         Form("", "effort", names=("supply_sag", "drive_dead_zone")),
+        Form("", "time", names=("ambient_drift",)),
     )
 
     def heat(self, p: Values, view: View) -> Side:

@@ -17,6 +17,8 @@ class LearnedReadingCurve(LearnedCurve):
         Form("", "displacement", "displacement"),
         Form("", "temperature", "displacement"),
         Form("", "effort", "displacement"),
+        Form("", "time", "temperature", names=("sensor_drift",)),
+        Form("", "time", "displacement", names=("sensor_drift",)),
     )
 
     def reading(self, p: Values, view: View, quantity: Quantity, value: Side) -> Side:
