@@ -70,6 +70,30 @@ def test_delayed_crosstalk_is_its_equation():
     np.testing.assert_allclose(np.asarray(rest)[mine], [4.0, 1.0, 1.0, 4.0])
 
 
+def test_crosstalk_by_radiation_is_its_equation():
+    base = presets.aaa(PLANT, pulley_radius=0.015)
+    structure = extended(base.structure, "thermal_crosstalk")
+    laws = [2.0 * (m.name == "thermal_crosstalk") for m in structure.mechanisms]
+    model = Model(structure, laws=laws).replace(base.values() | {"thermal_crosstalk.exchange": 0.4})
+    time = np.arange(0, 20, 0.05)
+    volts = np.where(time < 12, 8.0, 0.0)
+    recording = recorded(time, {"voltage_agonist_V": volts, "voltage_antagonist_V": 0.3 * volts})
+    found = np.asarray(simulate(model, recording).states[:, :2])
+    room = float(model.ambient)
+
+    def rates(t, z, v):
+        shone = 0.4 * LAM * ((room + z[1]) ** 4 - (room + z[0]) ** 4) / (4 * room**3)
+        return (np.array([v**2, 0.09 * v**2]) / R - LAM * z + np.array([shone, -shone])) / C_TH
+
+    z, wanted = np.zeros(2), [np.zeros(2)]
+    for i, v in enumerate(volts[:-1]):
+        z = scipy.integrate.solve_ivp(rates, time[i : i + 2], z, args=(v,), rtol=1e-10, atol=1e-12).y[:, -1]
+        wanted.append(z)
+    np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-6)
+    balance = energy_balance(model, recording)
+    np.testing.assert_allclose(balance["lost"] + balance["stored"], balance["supplied"], rtol=1e-5)
+
+
 def test_both_actuators_of_a_joint_draw_on_one_supply():
     base = presets.aaa(PLANT, pulley_radius=0.015)
     structure = extended(base.structure, "supply_sag")

@@ -14,11 +14,13 @@ class ThermalCrosstalk(Mechanism):
     subsystem = "thermoelectric"
     equation = (
         "C_th dT_1/dt = P_1 - lambda_1 T_1 - g lambda (T_1 - T_2), and the same for 2; lambda: mean of both;  "
-        "law delayed: T_1 - a_1 in place of T_1 - T_2, tau da_1/dt = T_2 - a_1"
+        "law delayed: T_1 - a_1 in place of T_1 - T_2, tau da_1/dt = T_2 - a_1;  law radiation: "
+        "((T_0 + T_1)^4 - (T_0 + T_2)^4)/(4 T_0^3) in place of T_1 - T_2, T_0: ambient"
     )
     source = (
         "lumped exchange between two bodies: Incropera, Fundamentals of Heat and Mass Transfer, ch. 3; delayed: the "
-        "air around each takes on the other's temperature as a well-mixed volume, ch. 5 there"
+        "air around each takes on the other's temperature as a well-mixed volume, ch. 5 there; radiation "
+        "between two surfaces: ch. 13 there"
     )
     says = "Heat flows from the warmer muscle of the joint to the other, through the air and the mount between them."
     needs = ("thermal", "joint")
@@ -28,7 +30,7 @@ class ThermalCrosstalk(Mechanism):
             name="exchange",
             symbol="g",
             unit="1",
-            description="conductance between the two, as a share of that to the room",
+            description="conductance between the two, as a share of that to the room; near room temperature, by radiation",
             typical=0.2,
             bounds=(0.003, 30.0),
             null=0.0,
@@ -46,7 +48,7 @@ class ThermalCrosstalk(Mechanism):
             time="response",
         ),
     )
-    laws = ("direct", "delayed")
+    laws = ("direct", "delayed", "radiation")
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {"time_constant": (1,)}
     states = ("air_temperature",)
     starts = ((0.3, 0.2),)
@@ -55,14 +57,20 @@ class ThermalCrosstalk(Mechanism):
         if view.temperature.ndim == 0:  # alone, there is no other
             return jnp.zeros_like(view.temperature)
         between = jnp.mean(p.exchange * view.shared["conductance"])
-        other = jnp.where(p.law == 1, view.own[0], view.temperature[::-1])
-        return between * (other - view.temperature)
+        if_direct = jnp.where(p.law == 1, view.own[0], view.temperature[::-1]) - view.temperature
+        return between * jnp.where(p.law == 2, _radiated(view)[::-1] - _radiated(view), if_direct)
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
         return (jnp.where(p.law == 1, (_other(view) - view.own[0]) / p.time_constant, 0.0),)
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
         return (_other(view),)
+
+
+def _radiated(view: View) -> Side:
+    """((T_0 + T)^4 - T_0^4)/(4 T_0^3) [K]."""
+    warm = view.temperature / view.ambient
+    return view.temperature * (1.0 + warm * (1.5 + warm * (1.0 + 0.25 * warm)))
 
 
 def _other(view: View) -> Side:
