@@ -30,7 +30,7 @@ class ThermalCrosstalk(Mechanism):
             name="exchange",
             symbol="g",
             unit="1",
-            description="conductance between the two, as a share of that to the room; near room temperature, by radiation",
+            description="conductance between the two, as a share of that to the room (by radiation: near its own)",
             typical=0.2,
             bounds=(0.003, 30.0),
             null=0.0,
