@@ -98,10 +98,11 @@ def curves(
     rules: Evidence,
     subsystems: Sequence[str] = (),
     *,
-    allowed: Callable[[Form], bool] = lambda form: True,
+    allowed: Callable[[Form], bool] = lambda form: form.variable != "time",
 ) -> list[Curve]:
     """The curves with evidence for them beyond ``state``, with few pieces; of every balance the forms ``allowed`` that
-    promise most.
+    promise most. A curve of the time says nothing of other recordings unless it comes down to the noise as a mechanism,
+    and is no closure otherwise.
     """
     s = state.setup.structure
     if s.system:
