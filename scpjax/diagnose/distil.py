@@ -81,7 +81,7 @@ def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float
     physical functions: Brunton, Proctor, Kutz, PNAS 113 (2016) 3932); ``every``, ``values`` (as of `describe`) and
     ``doubt`` are of its final fit.
     """
-    form, units = found.form, shown(found.state.setup.structure.drive)
+    form, units = found.form, {**shown(found.state.setup.structure.drive), "time": ("s", 1.0)}
     alike = tuple(f"{WHAT[c.place][0]} = {c.form.name}" for c in found.alike)
     own, own_size = units[form.variable]
     place = found.place

@@ -31,7 +31,6 @@ def shown(drive: DriveKind) -> dict[str, tuple[str, float]]:
         "displacement": ("mm", 1e3),
         "velocity": ("mm/s", 1e3),
         "effort": (EFFORT_UNITS[drive], 1.0),
-        "time": ("s", 1.0),
     }
 
 

@@ -122,8 +122,9 @@ def test_a_full_disk_ends_with_the_power_off(tmp_path, which, real_time):
         log = rig.record(tmp_path / "a.csv")
         rig.wait(0.1)
         handle = "_raw" if which == ".raw" else "_csv"
-        os.close(getattr(log, handle))
-        setattr(log, handle, os.open("/dev/full", os.O_WRONLY))
+        full = os.open("/dev/full", os.O_WRONLY)
+        os.dup2(full, getattr(log, handle))  # at once: the thread that reads the board writes to it
+        os.close(full)
         rig.set_voltage(3.0)
         rig.wait(2.0)
     device.pause(TICK_S)
