@@ -3,6 +3,7 @@ the unconstrained numbers that a least-squares solver moves."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -44,6 +45,21 @@ class Parameter:
             raise ValueError(f"{self.name}: typical {self.typical} lies outside the bounds {self.bounds}")
         if self.scale == "log" and not self.fixed and low <= 0:
             raise ValueError(f"{self.name}: a log-scaled parameter needs a positive lower bound")
+
+
+def weight(name: str, symbol: str, description: str, spread: float = 3.0) -> Parameter:
+    """A dimensionless weight of a closure: of either sign, without bounds, 0 where there is none."""
+    return Parameter(
+        name=name,
+        symbol=symbol,
+        unit="1",
+        description=description,
+        typical=0.0,
+        bounds=(-math.inf, math.inf),
+        null=0.0,
+        scale="linear",
+        spread=spread,
+    )
 
 
 Numbers = Array | np.ndarray

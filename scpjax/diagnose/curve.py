@@ -32,7 +32,7 @@ CURVES = ("learned_heat_curve", "learned_force_curve", "learned_reading_curve")
 _TRIED = 3  # forms of a balance, fitted
 _STEPS = 96
 _COMPARED = 400  # places in time at which drives are compared
-_DIFFER = 0.5  # RMS difference of two drives, in units of the lesser one's RMS, from which they differ
+_DIFFER = 0.25  # share of a drive's variation that another does not have, from which they differ
 _MARGIN = 0.03  # of a range, added at both ends
 
 
@@ -164,12 +164,13 @@ def ranges(state: State, split: Split) -> dict[str, float]:
 
 def drives_differ(recordings: Sequence[Recording]) -> bool:
     """Whether some two recordings were driven so differently that what they have in common over time is the time's:
-    under one drive whatever is slow is a curve of the time.
+    under one drive, or a weaker one of its form, whatever is slow is a curve of the time.
     """
     for a, b in itertools.combinations(recordings, 2):
         at = np.linspace(0.0, min(a.time[-1] - a.time[0], b.time[-1] - b.time[0]), _COMPARED)
-        one, other = (r.inputs[np.searchsorted(r.time - r.time[0], at, "right") - 1] for r in (a, b))
-        if np.sum((one - other) ** 2) > _DIFFER**2 * min(np.sum(one**2), np.sum(other**2)):
+        held = [r.inputs[np.searchsorted(r.time - r.time[0], at, "right") - 1] for r in (a, b)]
+        one, other = ((x - x.mean(axis=0)).ravel() for x in held)
+        if (one @ other) ** 2 < (1.0 - _DIFFER) * (one @ one) * (other @ other):
             return True
     return False
 

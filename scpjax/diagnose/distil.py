@@ -21,6 +21,16 @@ _POINTS = 61
 _CLOSE = 0.995  # share of a curve's variation with which one function is enough
 _FAIR = 0.9  # with less, no expression is given
 _SUPER = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+_INTERCHANGEABLE = {
+    ("learned_heat", "", "effort"),
+    ("learned_force", "", "temperature"),
+    ("learned_force", "", "displacement"),
+    ("learned_reading temperature", "", "temperature"),
+    ("learned_reading displacement", "", "displacement"),
+}
+"""(place, factor, variable) of curves of which a straight part, and so the scale of the rest, is interchangeable with
+the gain, the pull, the spring or the scale of all: their bands are beside those as they are told, for no recording
+tells how much of it is whose."""
 
 
 @dataclass(frozen=True)
@@ -93,14 +103,21 @@ def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float
     matrix = scale * basis(z, found.zero, found.pieces)
     weights = np.array([every[k].value for k in found.keys])
     index = [doubt.keys.index(k) for k in found.keys]
-    spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", matrix, doubt.covariance[np.ix_(index, index)], matrix), 0.0))
     at = value_at(form.variable, z, *found.ends) * own_size
+    covariance = doubt.covariance[np.ix_(index, index)]
+    interchangeable = (place, form.factor, form.variable) in _INTERCHANGEABLE
+    if interchangeable:
+        base = found.state.setup.structure.base
+        covariance = given(doubt.covariance, index, [i for i, k in enumerate(doubt.keys) if k.split(".")[0] in base])
+    spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", matrix, covariance, matrix), 0.0))
     curve = matrix @ weights
     per = f"{unit}/{units[form.factor][0]}" if form.factor else unit
     expression, near, share = distilled(at, curve, SYMBOLS[form.variable], own, per)
     says = f"{what} = {form.name}, s from 0 to {curve[np.argmax(np.abs(curve))]:.3g} {per}"
     if expression:
         says += f", s ≈ {expression}"
+    if interchangeable:
+        says += " (beside the base model's parameters as they are told, which can take up a straight part of it)"
     variables = [("drive" if v == "effort" else v) for v in (form.factor, form.variable) if v]
     if subsystem == "thermoelectric" and variables == ["drive"]:
         subsystem = "drive"
@@ -115,6 +132,15 @@ def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float
         Drawn(form.variable, own, form.name, per, at, curve, spread, expression, near, share),
         alike,
     )
+
+
+def given(covariance: np.ndarray, these: Sequence[int], held: Sequence[int]) -> np.ndarray:
+    """Covariance of some of several normal variables where others are known: Schur's complement."""
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    scaled = covariance / np.outer(size, size)
+    across = scaled[np.ix_(these, held)]
+    left = scaled[np.ix_(these, these)] - across @ np.linalg.pinv(scaled[np.ix_(held, held)], hermitian=True) @ across.T
+    return left * np.outer(size[these], size[these])
 
 
 def distilled(at: np.ndarray, curve: np.ndarray, symbol: str, own: str, unit: str) -> tuple[str, np.ndarray, float]:

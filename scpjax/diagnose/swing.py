@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scpjax.diagnose.evidence import Comparison, Evidence, compare
-from scpjax.diagnose.expression import scale_of
+from scpjax.diagnose.expression import WHAT, scale_of
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Closure, Drawn
 from scpjax.diagnose.rhythm import Rhythm
@@ -27,14 +27,13 @@ from scpjax.physics.mechanisms.learned_swing import HARMONICS, WEIGHTS, Swings, 
 
 _NAME = "learned_swing"
 _POINTS = 121
-_WHAT = {
-    "drive": ("drive greater by", "%", "drive", "learned_swing drive"),
-    "heat": ("heat lost", "W", "thermoelectric", "learned_heat"),
-    "force": ("force against contraction", "N", "thermomechanical", "learned_force"),
-    "temperature reading": ("thermometer reads too much by", "K", "sensor", "learned_reading temperature"),
-    "displacement reading": ("displacement reads too much by", "mm", "sensor", "learned_reading displacement"),
+_PLACES = {
+    "heat": "learned_heat",
+    "force": "learned_force",
+    "temperature reading": "learned_reading temperature",
+    "displacement reading": "learned_reading displacement",
 }
-"""What a swing is of: in words, in which unit, in which balance, and the place (`scpjax.diagnose.expression.WHAT`)."""
+"""Where what swings stands (by `scpjax.diagnose.expression.WHAT`); the drive is none of them."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +109,10 @@ def draw_swing(found: Swing, every: Mapping[str, Estimate], values: Mapping[str,
     """The closure with its swing over one period in units, and its 95 % band; arguments as of
     `scpjax.diagnose.distil.draw`.
     """
-    what, unit, subsystem, place = _WHAT[found.form.what]
+    what, unit, subsystem, place = "drive greater by", "%", "drive", "learned_swing drive"
+    if found.form.what != "drive":
+        place = _PLACES[found.form.what]
+        what, unit, subsystem = WHAT[place]
     references = {n: float(values[f"{_NAME}.{n}"]) for n in ("reference_temperature", "reference")}
     size = 100.0 if found.form.what == "drive" else scale_of(place, values, *references.values())
     if found.form.factor:

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from scpjax.parameter import Parameter
+from scpjax.parameter import Parameter, weight
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
 PIECES = (3, 6)
@@ -73,20 +73,7 @@ def only_under(forms: tuple[Form, ...]) -> dict[str, tuple[int, ...]]:
 
 def parameters() -> tuple[Parameter, ...]:
     """The weights (null 0), then the ranges and references of the variables (fixed)."""
-    free = tuple(
-        Parameter(
-            name=w,
-            symbol=w,
-            unit="1",
-            description="weight of a piece of the spline",
-            typical=0.0,
-            bounds=(-math.inf, math.inf),
-            null=0.0,
-            scale="linear",
-            spread=3.0,
-        )
-        for w in WEIGHTS
-    )
+    free = tuple(weight(w, w, "weight of a piece of the spline") for w in WEIGHTS)
     fixed = tuple(
         Parameter(
             name=f"{v}_{end}",

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import jax.numpy as jnp
 
-from scpjax.parameter import Parameter
+from scpjax.parameter import Parameter, weight
 from scpjax.physics.mechanism import Side, Values, View
 
 REFERENCES = {"T": ("reference_temperature", "K"), "x": ("reference", "m"), "v": ("velocity_scale", "m/s")}
@@ -72,20 +72,7 @@ class Term:
 
 def coefficients(terms: tuple[Term, ...], spread: float = 3.0) -> tuple[Parameter, ...]:
     """One coefficient per term, null 0, then the references (fixed) that they are relative to."""
-    free = tuple(
-        Parameter(
-            name=t.name,
-            symbol=f"c({t.name})",
-            unit="1",
-            description=f"weight of the term {t.name}",
-            typical=0.0,
-            bounds=(-math.inf, math.inf),
-            null=0.0,
-            scale="linear",
-            spread=spread,
-        )
-        for t in terms
-    )
+    free = tuple(weight(t.name, f"c({t.name})", f"weight of the term {t.name}", spread) for t in terms)
     fixed = tuple(
         Parameter(
             name=name,

@@ -20,7 +20,7 @@ from scpjax.diagnose.select import Choice
 from scpjax.fit.setup import carry
 from scpjax.physics import presets
 from scpjax.physics.catalogue import mechanism
-from scpjax.physics.curves import PIECES, basis, form_of
+from scpjax.physics.curves import PIECES, VARIABLES, basis, form_of, share_of, value_at
 from scpjax.physics.model import Model
 from scpjax.recordings.recording import Recording
 from scpjax.report.report import write_diagnosis
@@ -55,6 +55,15 @@ def test_pieces_are_scipys_b_splines():
 def test_more_pieces_hold_what_fewer_do():
     few, many = (basis(PLACES, 0.0, n) for n in PIECES)
     assert np.max(np.abs(many @ np.linalg.lstsq(many, few, rcond=None)[0] - few)) < 1e-9
+
+
+@pytest.mark.parametrize("variable", VARIABLES)
+def test_places_in_a_range_are_of_one_value_each(variable):
+    low, high = (0.0, 70.0) if variable == "time" else (-3.0, 70.0)
+    values = value_at(variable, PLACES, low, high)
+    assert np.all(np.diff(values) > 0)
+    assert (values[0], values[-1]) == pytest.approx((low, high))
+    np.testing.assert_allclose(share_of(variable, values, low, high), PLACES, atol=1e-12)
 
 
 def grown(model: Model, name: str, law: int, weights: np.ndarray, **ranges: float) -> Model:

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from diagnose.creeping import BASE
 from diagnose.heated import DRIVE, LOSS, TIME, base_of, nothing, recorded, rubbed_by_air
+from diagnose.test_outside import lacking_in
 
-from scpjax.diagnose.answer import TRUSTED
+from scpjax.diagnose.answer import TRUSTED, answer
 from scpjax.diagnose.curve import curves, drives_differ
 from scpjax.diagnose.diagnose import diagnose
+from scpjax.diagnose.distil import given
 from scpjax.diagnose.evidence import Evidence, at_its_least, compare
 from scpjax.diagnose.free import free_law, one_for_several
 from scpjax.diagnose.outside import level
@@ -89,6 +91,29 @@ def test_a_drive_that_reaches_the_wire_by_a_law_of_its_own_goes_by_the_nearest_n
         choice = free.choice(base, Choice(sag, ranking, {}, {}))
         assert choice.free == near
         assert set(choice.equivalents[near]) | {near} >= {"supply_sag", "drive_dead_zone"}
+    binned, lacking = lacking_in(base, parts)
+    said = answer(parts, base, choice, free.curve, binned, lacking, notes=(), seconds=0.0, settings={})
+    assert said.closure is not None
+    assert "which can take up a straight part of it" in said.says
+    assert said.closure.expression in said.says
+    drawn = said.closure.curve
+    assert drawn is not None
+    # nothing tells how much of it is the heater's gain: the band, wide only where no level was near, is beside that
+    assert 1.96 * np.median(drawn.std) < 0.05 * np.max(np.abs(drawn.value))
+    volts = np.sqrt(drawn.at)
+    made = drawn.at - (volts / (1.0 + 0.15 * volts)) ** 2
+    both = np.stack([drawn.at, drawn.value / BASE["joule_heating.gain"]], axis=1)
+    weights = np.linalg.lstsq(both, made, rcond=None)[0]
+    np.testing.assert_allclose(both @ weights, made, atol=0.03 * np.max(made))
+
+
+def test_a_band_beside_what_is_told_is_the_normal_distributions():
+    root = np.random.default_rng(0).standard_normal((6, 6)) * np.array([1e-3, 1.0, 50.0, 1.0, 1e4, 1.0])[:, None]
+    covariance = root @ root.T
+    these, held = [1, 4, 5], [0, 2, 3]
+    wanted = np.linalg.inv(np.linalg.inv(covariance)[np.ix_(these, these)])
+    np.testing.assert_allclose(given(covariance, these, held), wanted, rtol=1e-6)
+    np.testing.assert_allclose(given(covariance, these, []), covariance[np.ix_(these, these)])
 
 
 def test_a_drift_by_a_law_of_its_own_is_told_by_two_drives_not_by_one():

@@ -1,13 +1,12 @@
 """Closure of any balance or sensor by what swings with a period of its own, learned from the recordings, unnamed."""
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from scpjax.parameter import Parameter
+from scpjax.parameter import Parameter, weight
 from scpjax.physics.mechanism import Mechanism, Quantity, Side, Values, View
 
 HARMONICS = (1, 2, 4)
@@ -80,20 +79,7 @@ class LearnedSwing(Mechanism):
             bounds=(1e-4, 1e7),
             null=10.0,
         ),
-        *(
-            Parameter(
-                name=w,
-                symbol=w,
-                unit="1",
-                description=f"{'cosine' if w[:3] == 'cos' else 'sine'} of harmonic {w[3:]}",
-                typical=0.0,
-                bounds=(-math.inf, math.inf),
-                null=0.0,
-                scale="linear",
-                spread=3.0,
-            )
-            for w in WEIGHTS
-        ),
+        *(weight(w, w, f"{'cosine' if w[:3] == 'cos' else 'sine'} of harmonic {w[3:]}") for w in WEIGHTS),
         Parameter(
             name="reference_temperature",
             symbol="T_ref",
