@@ -181,6 +181,6 @@ def _written(functions: Sequence[_Function], weights: np.ndarray, symbol: str, o
         if f.power and "/" in unit:
             head, tail = unit.split("/", 1)
             units = f"{head}/({tail} {own_unit}{raised})"
-        sign = ("" if not pieces else "+ ") if w >= 0 else "- "
+        sign = ("" if w >= 0 else "-") if not pieces else ("+ " if w >= 0 else "- ")
         pieces.append(f"{sign}{size:.3g} {units} {f.says(symbol, own, far)}")
     return " ".join(pieces)

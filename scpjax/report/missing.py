@@ -73,6 +73,8 @@ def figure(latent: Latent, names: Sequence[str]) -> Figure:
         words, unit_there, k = _UNITS.get(leading, (leading.replace("_", " ").capitalize(), "SI", 1.0))
         for at, m, s in zip(latent.leading, latent.mean, latent.std, strict=True):
             sure = s < 3 * np.median(s)
+            if leading in ("drive", "effort") and latent.place.startswith("drive"):
+                sure &= at != 0  # a share of nothing
             axis.errorbar(
                 k * at[sure], factor * m[sure], 1.96 * factor * s[sure],
                 fmt="o", ms=2.4, lw=0.5, color=EXTENDED, ecolor=FAINT, alpha=0.8,

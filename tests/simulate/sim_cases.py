@@ -34,7 +34,10 @@ ACTIVE = {
         "slow_compliance": 0.2,
         "slow_ratio": 4.0,
         "activation": 0.1,
+        "shift": 15.0,
+        "hardening": 0.2,
         "reference": 0.0025,
+        "reference_temperature": 20.0,
     },
     "drive_dead_zone": {"threshold": 0.3, "sharpness": 5.0, "reference": 10.0},
     "fatigue": {
@@ -72,7 +75,7 @@ ACTIVE = {
     "slack": {"gap": 0.2, "reference": 0.0025},
     "supply_sag": {"sag": 0.4, "time_constant": 2.0, "reference": 10.0, "reference_time": 6.0},
     "thermal_softening": {"softening": 0.4, "transition": 0.5, "width": 0.2, "reference": 20.0},
-    "two_node_thermal": {"share": 0.4, "time_constant": 0.3},
+    "two_node_thermal": {"share": 0.4, "time_constant": 0.3, "slow_part": 0.3, "slow_ratio": 7.0},
 }
 # their equations have kinks even where the mechanism is at null, so each gets a structure of its own
 KINKED = ("antagonist_load", "drive_dead_zone", "fatigue", "friction", "hysteresis", "slack", "supply_sag")

@@ -44,11 +44,12 @@ def test_thermal_mechanism_closes(case):
     z0 = model.initial(temperature=10.0)
     balance = energy_balance(model, recording, initial=z0)
     assert _closes(balance)
-    share = {"two_node_thermal": 0.4}.get(name, 0.0)
+    share, slow = {"two_node_thermal": (0.4, 0.3 if law == 3 else 0.0)}.get(name, (0.0, 0.0))
     if name in ("two_node_thermal", "resistance_temperature", "nonlinear_heat_loss"):
         states = np.asarray(simulate(model, recording, initial=z0, method=Exponential(substeps=8)).states)
-        second = model.structure.state_names.index("two_node_thermal.second_temperature")
-        first, last = (s[0] if not share else (1 - share) * s[0] + share * s[second] for s in (states[0], states[-1]))
+        weights = {"second": share * (1 - slow), "third": share * slow}
+        at = [model.structure.state_names.index(f"two_node_thermal.{node}_temperature") for node in weights]
+        first, last = ((1 - share) * s[0] + s[at] @ np.array([*weights.values()]) for s in (states[0], states[-1]))
         np.testing.assert_allclose(balance["stored"], PARAMETERS["thermal_mass"] * (last - first), rtol=1e-5)
     if name in ("two_node_thermal", "nonlinear_heat_loss"):
         supplied = np.sum(recording.inputs[:-1, 0] ** 2) * 0.05 / PARAMETERS["resistance"]

@@ -31,17 +31,19 @@ def convection(law):
 
 
 def two_nodes(law):
-    share, tau = 0.4, 0.3
+    share, tau, slow, ratio = 0.4, 0.3, 0.3 if law == 3 else 0.0, 7.0
     between = share * (1 - share) * C_TH / tau
 
     def rates(_t, z, u):
-        t, x, v, t2 = z
+        t, x, v, t2, t3 = z
         loss, loss2 = (0.0, LAM * t2) if law == 1 else (LAM * t, 0.0)
-        first = (u / R - loss - between * (t - t2)) / ((1 - share) * C_TH)
-        second = (between * (t - t2) - loss2) / (share * C_TH)
-        return [first, *mechanics(x, v, t if law == 2 else t2, K * x), second]
+        quickly, slowly = (1 - slow) * between * (t - t2), slow * between / ratio * (t - t3)
+        first = (u / R - loss - quickly - slowly) / ((1 - share) * C_TH)
+        second = (quickly - loss2) / ((1 - slow) * share * C_TH)
+        third = between / (share * C_TH) / ratio * (t - t3)
+        return [first, *mechanics(x, v, t if law >= 2 else t2, K * x), second, third]
 
-    return rates, (*START, WARM)
+    return rates, (*START, WARM, WARM)
 
 
 def lag(law):
@@ -69,7 +71,11 @@ SMALL = 0.1 * 0.0025  # m, that activated creep may lack
 def creeping(law):
     if law == 4:
         return activated()
-    first, second, ratio = {0: (0.3, 0.0, 4.0), 1: (0.3, 0.2, 4.0), 2: (0.15, 0.15, 10.0), 3: (0.3, 0.0, 4.0)}[law]
+    first, second, ratio = {1: (0.3, 0.2, 4.0), 2: (0.15, 0.15, 10.0)}.get(law, (0.3, 0.0, 4.0))
+
+    def time(t, ahead, quick):
+        slower = {3: 4.0 if ahead * quick < 0 else 1.0, 5: np.exp((10.0 - t) / 15.0)}
+        return 2.0 * slower.get(law, np.exp(abs(quick) / (0.2 * 0.0025)) if law == 6 else 1.0)
 
     def rates(_t, z, u):
         t, x, v, quick, slow = z
@@ -78,7 +84,7 @@ def creeping(law):
         return [
             (u / R - LAM * t) / C_TH,
             *mechanics(x, v, t, K * immediate),
-            ahead / (8.0 if law == 3 and ahead * quick < 0 else 2.0),
+            ahead / time(t, ahead, quick),
             (second * immediate - slow) / (2.0 * ratio),
         ]
 

@@ -8,6 +8,7 @@ from jaxtyping import Array
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
+_MOST = 10.0  # nepers, by which warmth or what has crept changes the retardation time
 DECADE = 10.0  # between the branches of law logarithmic; their sum follows a logarithm to 4 % of a decade's creep
 
 
@@ -19,23 +20,31 @@ class Creep(Mechanism):
         "tau dx_c/dt = J e - x_c, e = x - x_c - x_s;  the spring feels e;  "
         "law two branches: also r tau dx_s/dt = J_s e - x_s;  law logarithmic: J_s = J = half of J each, r = 10;  "
         "law slow recovery: r tau on the way back;  "
-        "law activated: tau dx_c/dt = s x_ref sinh((J e - x_c)/(s x_ref))"
+        "law activated: tau dx_c/dt = s x_ref sinh((J e - x_c)/(s x_ref));  "
+        "law thermal: tau exp((T_ref/2 - T)/T_s) in the place of tau;  "
+        "law hardening: tau exp(|x_c|/(h x_ref)) in the place of tau"
     )
     source = (
         "Kelvin-Voigt branches in series with the spring: Findley, Lai, Onaran, Creep and Relaxation of Nonlinear "
         "Viscoelastic Materials, ch. 5; logarithmic: a flat spectrum of retardation times, ch. 5 there; activated: "
         "Eyring, J. Chem. Phys. 4 (1936) 283, a dashpot in a standard linear solid: Halsey, White, Eyring, Text. Res. "
-        "J. 15 (1945) 295"
+        "J. 15 (1945) 295; thermal: times shift together with temperature, Williams, Landel, Ferry, J. Am. Chem. Soc. "
+        "77 (1955) 3701, here straight in T; hardening: the rate falls exponentially with what has crept, Cottrell, "
+        "J. Mech. Phys. Solids 1 (1952) 53"
     )
     says = "Under a steady pull the polymer keeps giving way slowly, and comes back slowly."
     needs = ("mechanical",)
     excited_by = "long holds after a step"
-    laws = ("one branch", "two branches", "logarithmic", "slow recovery", "activated")
+    laws = ("one branch", "two branches", "logarithmic", "slow recovery", "activated", "thermal", "hardening")
+    law_needs: ClassVar[dict[int, tuple[str, ...]]] = {5: ("thermal",)}
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {
         "slow_compliance": (1,),
         "slow_ratio": (1, 3),
         "activation": (4,),
-        "reference": (4,),
+        "shift": (5,),
+        "hardening": (6,),
+        "reference": (4, 6),
+        "reference_temperature": (5,),
     }
     states = ("creep_displacement", "slow_creep_displacement")
     parameters = (
@@ -53,7 +62,8 @@ class Creep(Mechanism):
             name="time_constant",
             symbol="τ",
             unit="s",
-            description="retardation time",
+            description="retardation time; at half the reference temperature (law thermal), where nothing has crept "
+            "(law hardening)",
             typical=1.0,
             bounds=(0.02, 100.0),
             null=1.0,
@@ -93,17 +103,48 @@ class Creep(Mechanism):
             spread=1.5,
         ),
         Parameter(
+            name="shift",
+            symbol="T_s",
+            unit="K",
+            description="warming with which creep goes e times as fast (law thermal)",
+            typical=30.0,
+            bounds=(3.0, 3000.0),
+            null=30.0,
+            spread=1.0,
+        ),
+        Parameter(
+            name="hardening",
+            symbol="h",
+            unit="1",
+            description="displacement crept with which creep goes e times as slowly, as a share of the reference "
+            "displacement (law hardening)",
+            typical=0.2,
+            bounds=(0.005, 30.0),
+            null=0.2,
+            spread=1.5,
+        ),
+        Parameter(
             name="reference",
             symbol="x_ref",
             unit="m",
-            description="displacement at which the activation is stated (law activated)",
+            description="displacement at which activation and hardening are stated (laws activated, hardening)",
             typical=0.01,
             bounds=(1e-12, 1e12),
             null=0.01,
             fixed=True,
         ),
+        Parameter(
+            name="reference_temperature",
+            symbol="T_ref",
+            unit="K",
+            description="twice the temperature excess at which the retardation time is stated (law thermal)",
+            typical=50.0,
+            bounds=(1e-6, 1e9),
+            null=50.0,
+            fixed=True,
+        ),
     )
-    starts = ((0.3, 1.0, 0.2, 4.0, 0.1, 0.0), (0.5, 5.0, 0.3, 4.0, 0.03, 0.0))
+    starts = ((0.3, 1.0, 0.2, 4.0, 0.1, 30.0, 0.2, 0.0, 0.0), (0.5, 5.0, 0.3, 4.0, 0.03, 60.0, 0.1, 0.0, 0.0))
 
     def _branches(self, p: Values) -> tuple[Side, Side, Side]:
         """Compliances of both branches, and the ratio of their times."""
@@ -119,7 +160,10 @@ class Creep(Mechanism):
         immediate = view.displacement - quick - slow
         compliance, slow_compliance, ratio = self._branches(p)
         ahead = compliance * immediate - quick
-        time = p.time_constant * jnp.where((p.law == 3) & (ahead * quick < 0), p.slow_ratio, 1.0)
+        slower = jnp.where((p.law == 3) & (ahead * quick < 0), p.slow_ratio, 1.0)
+        colder = jnp.where(p.law == 5, (0.5 * p.reference_temperature - view.temperature) / p.shift, 0.0)
+        harder = jnp.where(p.law == 6, jnp.abs(quick) / (p.hardening * p.reference), 0.0)
+        time = p.time_constant * slower * jnp.exp(jnp.clip(colder + harder, -_MOST, _MOST))
         lacking = _within(quick)
         pushed = (1.0 - lacking**2) * p.compliance * view.velocity / (2.0 * p.activation * p.reference)
         activated = pushed - (1.0 + p.compliance) * quick / p.time_constant

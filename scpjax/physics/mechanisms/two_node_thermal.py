@@ -1,5 +1,7 @@
 """A second thermal node: wire and polymer, or skin and core, are not at one temperature."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from scpjax.parameter import Parameter
@@ -15,20 +17,25 @@ class TwoNodeThermal(Mechanism):
     equation = (
         "(1-f) C_th dT/dt = P - lambda T - g (T - T_2),  f C_th dT_2/dt = g (T - T_2),  g = f (1-f) C_th / tau; "
         "law core: T is felt, T_2 pulls; law wire: T_2 loses the heat, is felt and pulls; "
-        "law store: T is felt and pulls"
+        "law store: T is felt and pulls; "
+        "law two stores: as store, but q of f C_th goes into T_3, with r tau in the place of tau"
     )
-    source = "lumped two-node conduction: Incropera ch. 5; wire and polymer: thesis 3.3.5"
+    source = (
+        "lumped two-node conduction: Incropera ch. 5; wire and polymer: thesis 3.3.5; stores side by side, of "
+        "several time constants: thermal networks as of JEDEC JESD51-14 (2010)"
+    )
     says = "The heated part warms first and the rest follows: the actuator is not at one temperature."
     needs = ("thermal",)
     excited_by = "voltage steps, with temperature and displacement recorded together"
-    laws = ("core", "wire", "store")
-    states = ("second_temperature",)
+    laws = ("core", "wire", "store", "two stores")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"slow_part": (3,), "slow_ratio": (3,)}
+    states = ("second_temperature", "third_temperature")
     parameters = (
         Parameter(
             name="share",
             symbol="f",
             unit="1",
-            description="share of the thermal mass in the second node",
+            description="share of the thermal mass in the second node (law two stores: in both stores)",
             typical=0.5,
             bounds=(0.02, 0.98),
             null=0.5,
@@ -46,13 +53,41 @@ class TwoNodeThermal(Mechanism):
             spread=2.0,
             time="response",
         ),
+        Parameter(
+            name="slow_part",
+            symbol="q",
+            unit="1",
+            description="part of what both stores hold that is in the slower one (law two stores)",
+            typical=0.5,
+            bounds=(0.02, 0.98),
+            null=0.5,
+            scale="linear",
+            spread=0.35,
+        ),
+        Parameter(
+            name="slow_ratio",
+            symbol="r",
+            unit="1",
+            description="time constant of the slower store over that of the other (law two stores)",
+            typical=6.0,
+            bounds=(1.5, 100.0),
+            null=6.0,
+            spread=1.0,
+        ),
     )
-    starts = ((0.3, 0.05), (0.6, 0.3))
+    starts = ((0.3, 0.05, 0.5, 6.0), (0.6, 0.3, 0.5, 10.0))
 
-    def _conductance(self, p: Values, view: View) -> Side:
-        tau = jnp.maximum(p.time_constant, SHORTEST)
-        exchange = p.share * (1 - p.share) * view.shared["thermal_mass"] / tau
-        return jnp.where(p.time_constant > SHORTEST, exchange, 0.0)
+    def _held(self, p: Values, view: View) -> tuple[Side, Side]:
+        """Thermal masses of the second and the third node."""
+        both = jnp.where(p.time_constant > SHORTEST, p.share * view.shared["thermal_mass"], 0.0)
+        slow = jnp.where(p.law == 3, p.slow_part, 0.0)
+        return both * (1 - slow), both * slow
+
+    def _nearing(self, p: Values, view: View) -> tuple[Side, Side]:
+        """What the second and the third node warm [K/s] for coming to the first one's temperature."""
+        tau = jnp.maximum(p.time_constant, SHORTEST) / (1 - p.share)
+        apart = tuple(jnp.where(p.time_constant > SHORTEST, view.temperature - t, 0.0) for t in view.own)
+        return apart[0] / tau, apart[1] / (p.slow_ratio * tau)
 
     def thermal_mass(self, p: Values, mass: Side) -> Side:
         return mass * jnp.where(p.time_constant > SHORTEST, 1 - p.share, 1.0)
@@ -63,29 +98,26 @@ class TwoNodeThermal(Mechanism):
         return jnp.where(wire, view.shared["conductance"], 0.0)
 
     def heat(self, p: Values, view: View) -> Side:
-        (second,) = view.own
-        return self._cooling(p, view) * view.temperature - self._conductance(p, view) * (view.temperature - second)
+        taken = [m * rate for m, rate in zip(self._held(p, view), self._nearing(p, view), strict=True)]
+        return self._cooling(p, view) * view.temperature - taken[0] - taken[1]
 
     def lost(self, p: Values, view: View) -> Side:
-        (second,) = view.own
-        return self._cooling(p, view) * (second - view.temperature)
+        return self._cooling(p, view) * (view.own[0] - view.temperature)
 
     def stored(self, p: Values, view: View) -> Side:
-        (second,) = view.own
-        own = jnp.where(p.time_constant > SHORTEST, p.share * view.shared["thermal_mass"], 0.0)
-        return own * second
+        second, third = (m * t for m, t in zip(self._held(p, view), view.own, strict=True))
+        return second + third
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
-        (second,) = view.own
-        flow = self._conductance(p, view) * (view.temperature - second) - self._cooling(p, view) * second
-        rate = flow / (p.share * view.shared["thermal_mass"])
-        return (jnp.where(p.time_constant > SHORTEST, rate, 0.0),)
+        second, third = self._nearing(p, view)
+        cooled = self._cooling(p, view) * view.own[0] / (p.share * view.shared["thermal_mass"])
+        return second - cooled, third
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
-        return (view.temperature,)
+        return (view.temperature, view.temperature)
 
     def actuating_temperature(self, p: Values, view: View, temperature: Side) -> Side:
-        second = (p.law != 2) & (p.time_constant > SHORTEST)
+        second = (p.law < 2) & (p.time_constant > SHORTEST)
         return jnp.where(second, view.own[0], temperature)
 
     def felt_temperature(self, p: Values, view: View, temperature: Side) -> Side:
