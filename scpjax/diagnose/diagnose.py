@@ -27,7 +27,7 @@ from scpjax.diagnose.outside import (
 )
 from scpjax.diagnose.profiles import Limits
 from scpjax.diagnose.result import Diagnosis
-from scpjax.diagnose.rhythm import rhythm
+from scpjax.diagnose.rhythm import rhythm, ripple
 from scpjax.diagnose.rivals import Outcome, next_experiment
 from scpjax.diagnose.select import Choice, Progress, choose, prune
 from scpjax.diagnose.swing import swinging
@@ -95,9 +95,14 @@ def diagnose(
         choice, learned = beyond_names(parts, base, choice, options.evidence, able(lacking))
     elif learned is None:
         choice, learned = form_rather_than_name(parts, base, choice, options.evidence)
-    swing = rhythm(misfit, lacking) if nothing_explains(base, choice, learned, parts) else None
+    swing = None
+    if nothing_explains(base, choice, learned, parts):
+        found_swings = (rhythm(misfit, lacking), ripple(misfit, setup.structure.pulley_radius or 1.0))
+        swing = max(filter(None, found_swings), key=lambda r: r.share, default=None)
     if swing is not None:
-        learned = swinging(base, parts, options.evidence, swing) or learned
+        by_swing = swinging(base, parts, options.evidence, swing)
+        if by_swing is not None:
+            learned, swing = by_swing, replace(swing, period=by_swing.period)
     tell("fitting the chosen model to all data", 0.85)
     found = answer(
         parts,

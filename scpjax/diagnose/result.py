@@ -46,6 +46,7 @@ class Location:
     whiteness: dict[str, float] = field(default_factory=dict)  # p-value per column: residuals are white
     input_independence: dict[str, float] = field(default_factory=dict)  # p-value: independent of past input
     period_s: float | None = None  # with which what nothing explains swings, whatever the drive does
+    period_m: float | None = None  # of displacement, after which what nothing explains repeats
 
 
 FREE = "free form"
@@ -176,6 +177,7 @@ class Diagnosis:
                 "whiteness_p": self.location.whiteness,
                 "input_independence_p": self.location.input_independence,
                 "period_s": self.location.period_s,
+                "period_m": self.location.period_m,
             },
             "mechanisms": [
                 {

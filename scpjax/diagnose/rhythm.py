@@ -1,8 +1,10 @@
-"""Does what is missing swing with a period of its own, whatever the drive does: a fan, a thermostat, the mains?
+"""Does what is missing swing with a period of its own, whatever the drive does: a fan, a thermostat, the mains? Or
+does it repeat with the displacement: a pulley out of round, an encoder, a gear?
 
 In every balance and sensor a swing of two harmonics, with a phase and size for each recording, as it is or in
 proportion to the temperature, is put through the base model, and what it takes away from the misfit is a periodogram:
 Lomb-Scargle with harmonics (VanderPlas, Astrophys. J. Suppl. 236 (2018) 16, section 6), of outputs that respond.
+What repeats with the displacement does so in the same phase in all recordings.
 """
 
 from __future__ import annotations
@@ -25,21 +27,31 @@ _REPEATS = 0.5  # correlation of the drive with itself a period later, from whic
 _SAME = 0.05  # of a share, that half a period may lack and still be the period
 _KNOTS = 200  # of a recording, between which an input is linear
 _PLACES = 8  # of them in a period, at the least
+_TURNS, _MOST_TURNS = 2.0, 40.0  # in the range of displacement, between which it may repeat
+_QUICK = 0.9  # quantile of the steps between bins, within which a turn is resolved
 _FINE = 4  # periods tried per cycle more or less in the longest recording
 _ABLE = 0.5  # of what the best balance can answer for, that another must, for a swing to be looked for in it
 
 
 @dataclass(frozen=True)
 class Rhythm:
-    """Where something swings (a balance, and a `scpjax.diagnose.result.Latent`'s place), its period [s], and its share
-    of the misfit beyond the noise.
+    """Where something swings (a balance, and a `scpjax.diagnose.result.Latent`'s place), its period, and its share of
+    the misfit beyond the noise.
     """
 
     subsystem: str
     place: str
     factor: str  # "temperature" where it is in proportion to that, else ""
-    period: float
+    period: float  # [s], or [m] where it repeats with the displacement
     share: float
+    variable: str = "time"
+
+    @property
+    def says(self) -> str:
+        """In a sentence."""
+        if self.variable == "time":
+            return f"It swings with a period of {self.period:.3g} s, whatever the drive does."
+        return f"It repeats with every {1e3 * self.period:.3g} mm of displacement."
 
 
 def rhythm(misfit: Misfit, lacking: Sequence[Latent]) -> Rhythm | None:
@@ -50,6 +62,60 @@ def rhythm(misfit: Misfit, lacking: Sequence[Latent]) -> Rhythm | None:
     places = dict.fromkeys((m.subsystem, _of_both(m.place)) for m in lacking if m.explained > _ABLE * best)
     found = [r for subsystem, place in places for r in _of(misfit, place, subsystem)]
     return max(found, key=lambda r: r.share * (READING if r.subsystem == "sensor" else 1.0), default=None)
+
+
+def ripple(misfit: Misfit, radius: float = 1.0) -> Rhythm | None:
+    """What repeats with the displacement and takes away enough, in the reading or as a force; a reading, of which it is
+    mostly an error, before a force that is hardly better. ``radius`` [m] of a pulley, where the displacement recorded
+    is an angle.
+    """
+    moved, there = misfit.binned.displacement, np.any(misfit.binned.there, axis=2)
+    if moved is None:
+        return None
+    span = float(np.ptp(moved[there]))
+    steps = np.abs(np.diff(moved, axis=1))[there[:, 1:] & there[:, :-1]]
+    most = min(span / max(_PLACES * float(np.quantile(steps, _QUICK)), 1e-300), _MOST_TURNS)
+    turns = np.arange(_TURNS, most, 1.0 / _FINE)
+    found = []
+    for place in ("displacement reading", "angle reading", "force"):
+        if place in misfit.places and len(turns):
+            pitch, share = _best_pitch(misfit, place, moved, span, turns)
+            if share > _SHARE:
+                subsystem = misfit.places[place].subsystem
+                found.append(Rhythm(subsystem, place, "", pitch * radius, share, "displacement"))
+    return max(found, key=lambda r: r.share * (1.0 if r.subsystem == "sensor" else READING), default=None)
+
+
+def _best_pitch(misfit: Misfit, place: str, moved: np.ndarray, span: float, turns: np.ndarray) -> tuple[float, float]:
+    """(pitch, share of the misfit beyond the noise) of what repeats in a place; of two alike, of which one is half the
+    other, the shorter.
+    """
+    target, each = misfit.target, 2 * len(_HARMONICS)
+    beyond = max(float(target @ target) - len(target), 1e-300)
+
+    def shares(counts: np.ndarray) -> np.ndarray:
+        angles = 2.0 * np.pi / span * moved[..., None, None] * counts[:, None] * np.array(_HARMONICS)
+        waves = np.concatenate([np.cos(angles), np.sin(angles)], axis=-1).reshape(*moved.shape, -1)
+        felt = misfit.responses(place, list(waves))
+        felt = felt.reshape(len(felt), len(moved), len(counts), each).sum(axis=1)  # one phase for all recordings
+        taken = []
+        for i in range(len(counts)):
+            inner, outer = felt[:, i].T @ felt[:, i], felt[:, i].T @ target
+            taken.append(float(outer @ np.linalg.lstsq(inner, outer, rcond=1e-9)[0]))
+        return np.minimum(np.array(taken) / beyond, 1.0)
+
+    def nearby(count: float) -> tuple[float, float]:
+        share = 0.0
+        for fine in (1.0, 0.1, 0.01):
+            counts = np.maximum(count + fine / _FINE * np.arange(-1.0, 1.001, 0.1), 0.5 * _TURNS)
+            found = shares(counts)
+            count, share = float(counts[int(np.argmax(found))]), float(found.max())
+        return count, share
+
+    best = nearby(float(turns[int(np.argmax(shares(turns)))]))
+    twice = nearby(2 * best[0])  # resolved, as the second harmonic of the best was
+    count, share = twice if twice[1] > best[1] - _SAME else best
+    return span / count, share
 
 
 def _of_both(place: str) -> str:

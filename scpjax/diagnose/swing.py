@@ -1,4 +1,5 @@
-"""A closure by what swings: a Fourier series in the time since a recording began, in the balance where it swings.
+"""A closure by what swings: a Fourier series in the time since a recording began, or in the displacement, in the
+balance where it swings.
 
 The period comes from `scpjax.diagnose.rhythm`, which lets every recording have a phase of its own; here all share one,
 so that other recordings can be predicted. Where they do not, there is no such closure, and the period is all to tell.
@@ -46,6 +47,12 @@ class Swing:
     evidence: Comparison
 
     @property
+    def period(self) -> float:
+        """Period as fitted, [s] or [m]."""
+        key = f"{_NAME}.{_period(self.form)}"
+        return float(self.state.values[self.state.setup.structure.index[key]])
+
+    @property
     def keys(self) -> tuple[str, ...]:
         """Its weights."""
         return tuple(f"{_NAME}.{w}" for w in WEIGHTS[: 2 * self.harmonics])
@@ -56,8 +63,9 @@ def swinging(state: State, split: Split, rules: Evidence, found: Rhythm) -> Swin
     if state.setup.structure.system:  # its balances have no swings here
         return None
     make_room()
-    form = Swings("displacement reading" if found.place == "angle reading" else found.place, found.factor)
-    problem = _problem(state.setup, found.period)
+    place = "displacement reading" if found.place == "angle reading" else found.place
+    form = Swings(place, found.factor, found.variable)
+    problem = _problem(state.setup, form, found.period)
     best: Swing | None = None
     before = state
     for harmonics in HARMONICS:
@@ -74,12 +82,17 @@ def swinging(state: State, split: Split, rules: Evidence, found: Rhythm) -> Swin
     return best
 
 
-def _problem(setup: Setup, period: float) -> Setup:
+def _period(form: Swings) -> str:
+    """Its parameter."""
+    return "period" if form.variable == "time" else "pitch"
+
+
+def _problem(setup: Setup, form: Swings, period: float) -> Setup:
     """The problem with a swing in its model."""
     problem = grown(setup, mechanism(_NAME))
     fixed, s, at = problem.fixed.copy(), setup.scales, problem.structure.index
     for name, value in (
-        ("period", period),
+        (_period(form), period),
         ("reference_temperature", s.temperature),
         ("reference", s.displacement),
     ):
@@ -92,13 +105,14 @@ def _trial(problem: Setup, state: State, law: int, *, moves: bool) -> Trial:
     old, new = state.setup.structure, problem.structure
     n, at = len(new.slots), new.index
     first = np.asarray(problem.starts[0])[:n].copy()
-    first[at[f"{_NAME}.period"]] = problem.fixed[at[f"{_NAME}.period"]]
+    for name in ("period", "pitch"):
+        first[at[f"{_NAME}.{name}"]] = problem.fixed[at[f"{_NAME}.{name}"]]
     value = carry(old, new, state.values, first)
     active = carry(old, new, np.asarray(state.trial.active), np.zeros(n)).astype(bool)
     held = carry(old, new, np.asarray(state.trial.fixed), problem.fixed[:n])
     free = [p.name for p in mechanism(_NAME).free_parameters(law)]
     for p in mechanism(_NAME).parameters:
-        active[at[f"{_NAME}.{p.name}"]] = p.name in free and (moves or p.name != "period")
+        active[at[f"{_NAME}.{p.name}"]] = p.name in free and (moves or p.name not in ("period", "pitch"))
     laws = laws_of(state.setup, np.asarray(state.trial.laws), problem)
     laws[next(i for i, m in enumerate(new.mechanisms) if m.name == _NAME)] = law
     width = int(problem.base_active.sum()) + len(WEIGHTS) + 1
@@ -117,7 +131,9 @@ def draw_swing(found: Swing, every: Mapping[str, Estimate], values: Mapping[str,
     size = 100.0 if found.form.what == "drive" else scale_of(place, values, *references.values())
     if found.form.factor:
         size, unit = size / references["reference_temperature"], f"{unit}/K"
-    period = every[f"{_NAME}.period"]
+    symbol, at_unit, factor = ("t", "s", 1.0) if found.form.variable == "time" else ("x", "mm", 1e3)
+    key = f"{_NAME}.{_period(found.form)}"
+    period, std = factor * every[key].value, factor * every[key].std
     phase = np.linspace(0.0, 1.0, _POINTS)
     turns = np.outer(2.0 * np.pi * phase, np.arange(1, found.harmonics + 1))
     waves = size * np.stack([np.cos(turns), np.sin(turns)], axis=2).reshape(_POINTS, -1)
@@ -125,22 +141,22 @@ def draw_swing(found: Swing, every: Mapping[str, Estimate], values: Mapping[str,
     at = [doubt.keys.index(k) for k in found.keys]
     spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", waves, doubt.covariance[np.ix_(at, at)], waves), 0.0))
     curve = waves @ weights
-    every_s = _with_error(period.value, period.std)
-    says = f"{what} {found.form.name}, s from {curve.min():.3g} to {curve.max():.3g} {unit} and back every {every_s} s"
+    again = f"{_with_error(period, std)} {at_unit}"
+    says = f"{what} {found.form.name}, s from {curve.min():.3g} to {curve.max():.3g} {unit} and back every {again}"
     if found.harmonics == 1:
         ahead = float(np.arctan2(weights[0], weights[1]))
         shift = f" {'+-'[ahead < 0]} {abs(ahead):.2f}" if abs(ahead) >= 0.005 else ""
-        turn = f"sin(2π t/({every_s} s){shift})"
+        turn = f"sin(2π {symbol}/({again}){shift})"
         says = f"{what} {found.form.name}, s = {size * np.hypot(*weights):.3g} {unit} {turn}"
     return Closure(
         subsystem,
         place,
-        ("temperature", "time") if found.form.factor else ("time",),
+        (*(("temperature",) if found.form.factor else ()), found.form.variable),
         says,
-        {k: every[k] for k in (f"{_NAME}.period", *found.keys)},
+        {k: every[k] for k in (key, *found.keys)},
         found.evidence.held_out_gain,
         found.evidence.delta_bic,
-        Drawn("time", "s", found.form.name, unit, phase * period.value, curve, spread, "", curve, 0.0),
+        Drawn(found.form.variable, at_unit, found.form.name, unit, phase * period, curve, spread, "", curve, 0.0),
     )
 
 

@@ -129,6 +129,8 @@ def _where(d: Diagnosis, shapes: Mapping[str, bytes]) -> str:
         more = f"The residual goes with the {names}."
     if where.period_s:
         more = f"It swings with a period of {where.period_s:.3g} s, whatever the drive does. {more}"
+    if where.period_m:
+        more = f"It repeats with every {1e3 * where.period_m:.3g} mm of displacement. {more}"
     picture = ""
     if "misfit" in shapes:
         caption = "Misfit of the base model beyond the noise: when, in which regime, and what it follows."

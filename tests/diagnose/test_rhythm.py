@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from diagnose.heated import BASE, DRIVE, LOSS, NOISE, TIME, base_of, recorded, rubbed_by_air
+from diagnose.heated import BASE, DRIVE, LOSS, NOISE, TIME, base_of, nothing, recorded, rubbed_by_air
 
 from scpjax.diagnose.diagnose import diagnose
 from scpjax.diagnose.evidence import Evidence
@@ -13,7 +13,7 @@ from scpjax.diagnose.holdout import Split, split
 from scpjax.diagnose.latent import Misfit, missing
 from scpjax.diagnose.locate import observe
 from scpjax.diagnose.outside import level
-from scpjax.diagnose.rhythm import Rhythm, rhythm
+from scpjax.diagnose.rhythm import Rhythm, rhythm, ripple
 from scpjax.diagnose.swing import swinging
 from scpjax.diagnose.trials import State, residual_on
 from scpjax.fit.fit import best_start, refine
@@ -155,3 +155,55 @@ def test_a_diagnosis_tells_period_and_balance(tmp_path):
     assert drawn.at[-1] == pytest.approx(PERIOD, rel=0.01)
     page = write_diagnosis(found, tmp_path).read_text(encoding="utf-8")
     assert "It swings with a period of 11.7 s" in page
+
+
+PITCH = 0.9  # [mm]
+
+
+@cache
+def out_of_round() -> tuple[State, Split]:
+    """A reading whose error repeats with every turn of a pulley."""
+    moved = 1e3 * recorded(nothing, quiet=0.0).output("displacement")
+    return base_of(recorded(nothing, rattle=0.2 * np.sin(2 * np.pi * moved / PITCH + 0.4)))
+
+
+def test_what_repeats_with_the_displacement_is_found_in_the_reading_and_learned():
+    base, parts = out_of_round()
+    misfit = Misfit(base.setup, parts.whole, base.trial, observe(base.setup, parts.whole, base.trial, base.residual))
+    found = ripple(misfit)
+    assert found is not None
+    assert (found.subsystem, found.place, found.variable) == ("sensor", "displacement reading", "displacement")
+    assert found.period == pytest.approx(1e-3 * PITCH, rel=0.03)
+    assert found.share > 0.9
+    swing = swinging(base, parts, Evidence(), found)
+    assert swing is not None
+    assert swing.harmonics == 1
+    assert level(swing.state, parts) < 1.1 < 3 < level(base, parts)
+    doubt = uncertainty(swing.state.trial, parts.train, swing.state.setup.space)
+    every = estimates(swing.state.trial, swing.state.setup.space, doubt)
+    pitch = every["learned_swing.pitch"]
+    assert abs(pitch.value - 1e-3 * PITCH) < 4 * pitch.std < 0.02e-3 * PITCH
+    assert base.setup.scales.displacement * np.hypot(*(every[k].value for k in swing.keys)) == pytest.approx(
+        0.2e-3, rel=0.03
+    )
+
+
+@pytest.mark.parametrize("heat", [fan, supply, rubbed_by_air], ids=["a fan", "a wavering supply", "a loss"])
+def test_nothing_repeats_with_the_displacement_where_something_else_is_missing(heat):
+    assert ripple(misfit_of(heat)) is None
+
+
+def test_a_ripple_is_told_as_what_it_is(tmp_path):
+    moved = 1e3 * recorded(nothing, quiet=0.0).output("displacement")
+    found = diagnose([recorded(nothing, rattle=0.2 * np.sin(2 * np.pi * moved / PITCH + 0.4))])
+    assert (found.verdict, found.mechanisms) == ("unexplained", ())
+    assert "It repeats with every 0.9 mm of displacement" in found.says
+    assert found.location.subsystem == "sensor"
+    assert found.to_json()["location"]["period_m"] == pytest.approx(1e-3 * PITCH, rel=0.01)
+    assert found.to_json()["location"]["period_s"] is None
+    assert any("pulley out of round" in note for note in found.notes)
+    assert found.closure is not None
+    assert found.closure.depends_on == ("displacement",)
+    assert found.closure.expression.startswith("displacement reads too much by s(x), s = 0.2")
+    assert found.extended.held_out["displacement_mm"]["rmse"] < 1.1 * NOISE["displacement_mm"]
+    assert "It repeats with every 0.9 mm of displacement" in write_diagnosis(found, tmp_path).read_text("utf-8")

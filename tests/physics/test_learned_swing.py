@@ -18,14 +18,14 @@ PLANT = presets.plant(
     damping=5.0,
     mass=MASS,
 )
-PERIOD, T_REF, X_REF = 7.0, 40.0, 5e-3
+PERIOD, PITCH, T_REF, X_REF = 7.0, 1.7e-3, 40.0, 5e-3
 WEIGHTS = {"cos1": 0.1, "sin1": -0.2, "cos2": 0.05, "sin2": 0.07, "sin4": 0.3}
-TEMPERATURE, EFFORT, TIME = 30.0, 50.0, 2.3  # [K], [V^2], [s]
+TEMPERATURE, DISPLACEMENT, EFFORT, TIME = 30.0, 1e-3, 50.0, 2.3  # [K], [m], [V^2], [s]
 
 
 def model(law: float, weights: dict[str, float]) -> Model:
     structure = PLANT.structure.with_mechanisms(catalogue()["learned_swing"])
-    own = {"period": PERIOD, "reference_temperature": T_REF, "reference": X_REF, **weights}
+    own = {"period": PERIOD, "pitch": PITCH, "reference_temperature": T_REF, "reference": X_REF, **weights}
     laws = [law if m.name == "learned_swing" else 0.0 for m in structure.mechanisms]
     values = PLANT.values() | {f"learned_swing.{k}": v for k, v in own.items()}
     return Model(structure, laws=laws, ambient=PLANT.ambient).replace(values)
@@ -36,12 +36,13 @@ def model(law: float, weights: dict[str, float]) -> Model:
 def test_it_adds_its_term(form, harmonics):
     weights = {w: v for w, v in WEIGHTS.items() if int(w[3:]) <= harmonics}
     swings, still = (model(law_of(form, harmonics), w) for w in (weights, {}))
-    z = np.array([TEMPERATURE, 1e-3, 2e-3, TIME])
+    z = np.array([TEMPERATURE, DISPLACEMENT, 2e-3, TIME])
     effort = np.array([EFFORT])
     more_rates, more_read = (np.asarray(getattr(swings, f)(z, effort) - getattr(still, f)(z, effort))
                              for f in ("rates", "observe"))  # fmt: skip
     wave = {"cos": np.cos, "sin": np.sin}
-    s = sum(v * wave[w[:3]](2 * np.pi * int(w[3:]) * TIME / PERIOD) for w, v in weights.items())
+    turns = TIME / PERIOD if form.variable == "time" else DISPLACEMENT / PITCH
+    s = sum(v * wave[w[:3]](2 * np.pi * int(w[3:]) * turns) for w, v in weights.items())
     f = TEMPERATURE / T_REF if form.factor else 1.0
     rates, read = np.zeros(4), np.zeros(2)
     if form.what == "drive":
