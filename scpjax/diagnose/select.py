@@ -49,7 +49,7 @@ def try_all(
     promises = screen(state, split, catalogue, candidates)
     bent = np.any(misfit(state, split) > _STRAIGHT)
     begun = fresh(state, split, catalogue, candidates) if bent else None
-    fitted = contested(fit_promising(state, split, promises, begun, max_steps, tell), split)
+    fitted = contested(state, fit_promising(state, split, promises, begun, max_steps, tell), split)
     out = []
     for promise in promises:
         m = promise.mechanism
@@ -64,25 +64,30 @@ def try_all(
     return sorted(out, key=lambda c: -c.delta_bic)
 
 
-def contested(fitted: dict[str, dict[int, State]], split: Split) -> dict[str, dict[int, State]]:
-    """Hypotheses by mechanism and law, those fitted afresh that are close to the closest fit, where they are of several
-    mechanisms: between them it may decide from which base parameters they began.
+def contested(before: State, fitted: dict[str, dict[int, State]], split: Split) -> dict[str, dict[int, State]]:
+    """Hypotheses by mechanism and law; fitted afresh are those that are close to the closest fit, and the closest of
+    every mechanism that gains much of what the best one does. Between several mechanisms it may decide from which
+    base parameters they began.
     """
-    least = min((s.cost for laws in fitted.values() for s in laws.values()), default=0.0)
-    close = {name for name, laws in fitted.items() if any(s.cost < _CONTESTED * least for s in laws.values())}
-    if len(close) < 2:
+    closest = {name: min(s.cost for s in laws.values()) for name, laws in fitted.items() if laws}
+    if len(closest) < 2:
+        return fitted
+    least = min(closest.values())
+    much = before.cost - _MUCH * (before.cost - least)
+    if sum(cost < max(_CONTESTED * least, much) for cost in closest.values()) < 2:
         return fitted
 
-    def again(s: State) -> State:
-        if s.cost >= _CONTESTED * least:
+    def again(name: str, s: State) -> State:
+        if s.cost >= _CONTESTED * least and not s.cost == closest[name] < much:
             return s
         after = afresh(s, split)
         return after if after.cost < s.cost else s
 
-    return {name: {law: again(s) for law, s in laws.items()} for name, laws in fitted.items()}
+    return {name: {law: again(name, s) for law, s in laws.items()} for name, laws in fitted.items()}
 
 
 _CONTESTED = 1.1  # sum of squares, in units of the least, up to which it is contested which is the closest
+_MUCH = 0.5  # of the fall of the sum of squares that the closest one makes
 
 
 def _best_law(m: Mechanism, found: Sequence[Comparison], split: Split, rules: Evidence) -> Comparison:
