@@ -10,8 +10,8 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.screen import screen
-from scpjax.diagnose.select import FAR, Choice, prune
-from scpjax.diagnose.trials import State, afresh, at_noise, in_order, under_every_law, without
+from scpjax.diagnose.select import Choice, prune
+from scpjax.diagnose.trials import FAR, State, afresh, at_noise, in_order, under_every_law, without
 from scpjax.fit.setup import Setup
 
 _BY_PROMISE, _BY_RANK = 2, 1  # tried in the place of a name

@@ -9,7 +9,20 @@ import numpy as np
 from scipy.optimize import nnls
 
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.trials import FEW, NEARLY, TOLERANCE, Start, State, at_noise, go_on, grown, starts_with, trial_at
+from scpjax.diagnose.trials import (
+    FAR,
+    FEW,
+    NEARLY,
+    TOLERANCE,
+    Start,
+    State,
+    at_noise,
+    from_their_starts,
+    go_on,
+    grown,
+    starts_with,
+    trial_at,
+)
 from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.setup import Setup
 from scpjax.fit.solve import binned_of, evaluate, make_room, residuals_at, solve_all, stack
@@ -116,6 +129,7 @@ _GOOD = 0.75  # of the misfit in excess of the noise: where nothing fitted takes
 # beside others already named wherever nothing has reached the noise
 _ABREAST = 0.8  # of the leader's promise, with which one is fitted too as long as nothing has reached the noise
 _COARSE = 1e-4  # half the fall of the sum of squares in one step, as a share of it, with which a trial need not go on
+_LOST = 2.0**2  # mean square, in units of the noise's, down to which a first name comes near the noise
 _STARTS = 8  # of one mechanism, at most
 
 
@@ -146,12 +160,36 @@ def fit_promising(
     """By mechanism and law, the hypotheses with one mechanism more that were worth fitting; `fresh` ones among them.
 
     A promise is linear in what the base parameters can imitate: the right mechanism may promise less than others do.
+    Where nothing that promised something comes near the noise, the others are fitted too, as the first name, beside the
+    base as the data suggested it at first.
     """
     coarse = max(TOLERANCE, _COARSE * state.cost)
     out: dict[str, dict[int, State]] = {}
     lead, explained = 0.0, False
     most = _LATER if state.names else _AT_MOST
     excess = max(state.cost - float(split.is_train.sum()), 0.0)
+
+    def fit(promise: Promise, nearly: float, bent: bool = True) -> None:
+        nonlocal lead, explained
+        make_room()
+        tell(promise.mechanism.name)
+        problem = grown(state.setup, promise.mechanism)
+        over = {s.law: s for s in starts_with(state, promise.mechanism, problem)}
+        queue = _best_starts(promise)
+        trials = [_transfer(s, over[s.law], problem) for s in queue] if bent else []
+        if begun and _is(promise, begun):
+            trials += [trial_at(problem, s.value, s.laws) for s in starts_with(begun.state, begun.mechanism, problem)]
+        if not at_noise(state, split, FAR):
+            for law in dict.fromkeys(s.law for s in queue):
+                laws = over[law].laws
+                trials.append(trial_at(problem, from_their_starts(problem, laws)[0], laws))
+        solved, cost, _ = solve_all(trials, split.train, problem.space, max_steps=FEW, tolerance=coarse)
+        lead = max(lead, float(state.cost - np.min(cost)))
+        rest = np.zeros(len(cost), bool)
+        solved, cost = go_on(problem, split, solved, cost, rest, state.cost, lead, max_steps - FEW, nearly)
+        out[promise.mechanism.name] = found = _by_law(promise.mechanism, problem, split, solved, cost, state)
+        explained = explained or any(at_noise(s, split) for s in found.values())
+
     worth = promising(promises)
     worth = worth[:most] + [p for p in promises if _is(p, begun)] + worth[most : 2 * most]
     for i, promise in enumerate(worth):
@@ -161,19 +199,12 @@ def fit_promising(
         enough = lead > _GOOD * excess and (explained or behind)
         if promise.mechanism.name in out or (i >= most and enough and not _is(promise, begun)):
             continue
-        make_room()
-        tell(promise.mechanism.name)
-        problem = grown(state.setup, promise.mechanism)
-        over = {s.law: s for s in starts_with(state, promise.mechanism, problem)}
-        trials = [_transfer(s, over[s.law], problem) for s in _best_starts(promise)]
-        if begun and _is(promise, begun):
-            trials += [trial_at(problem, s.value, s.laws) for s in starts_with(begun.state, begun.mechanism, problem)]
-        solved, cost, _ = solve_all(trials, split.train, problem.space, max_steps=FEW, tolerance=coarse)
-        lead = max(lead, float(state.cost - np.min(cost)))
-        rest, nearly = np.zeros(len(cost), bool), _RIVAL if explained else NEARLY
-        solved, cost = go_on(problem, split, solved, cost, rest, state.cost, lead, max_steps - FEW, nearly)
-        out[promise.mechanism.name] = found = _by_law(promise.mechanism, problem, split, solved, cost, state)
-        explained = explained or any(at_noise(s, split) for s in found.values())
+        fit(promise, _RIVAL if explained else NEARLY)
+    near = (s for s in (state, *(s for found in out.values() for s in found.values())) if at_noise(s, split, _LOST))
+    if not state.names and next(near, None) is None:
+        for promise in promises:
+            if promise.mechanism.name not in out and not explained:
+                fit(promise, _RIVAL, bent=False)
     return out
 
 

@@ -13,6 +13,7 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.screen import fit_promising, fresh, screen
 from scpjax.diagnose.trials import (
+    FAR,
     State,
     afresh,
     at_noise,
@@ -33,9 +34,8 @@ _STRAIGHT = 1.3  # mean square, in units of the noise's, up to which a base mode
 _CLOSE = 20.0  # difference of BIC (10 nats) up to which two mechanisms are close
 _BEHIND = 10.0  # difference of BIC (5 nats) from which a mechanism is behind another
 _WAYS = 2  # gone at a time
+_ATTEMPTS = 4  # names tried for them
 _OTHERS = 2  # gone where the best one ends away from the noise
-FAR = 1.15**2
-"""Mean square, in units of the noise's, above which a hypothesis ends away from it."""
 
 
 def try_all(
@@ -235,16 +235,22 @@ def _tried(search: _Search, way: _Branch, round_: int, tell: Callable[[str, int]
     return _Tried(way, (*way.ranking, *ranked), accepted, p, best)
 
 
-def _one_more(search: _Search, found: _Tried) -> list[_Branch]:
-    """A branch with one mechanism more: the best one, and where that does not reach the noise one that is close."""
-    if found.ends:
-        return [replace(found.way, ranking=found.ranking, ended=True)]
+def _one_more(search: _Search, found: _Tried, ways: int = _WAYS) -> list[_Branch]:
+    """A branch with one mechanism more: the best one, and where that does not reach the noise one that is close. One
+    that is pruned as soon as it is fitted afresh is none.
+    """
     out: list[_Branch] = []
-    for c in found.accepted[:_WAYS]:
-        if found.accepted[0].delta_bic - c.delta_bic > _CLOSE or (out and at_noise(out[0].state, search.split)):
+    first = found.accepted[0].delta_bic if found.accepted else 0.0
+    for c in () if found.ends else found.accepted[:_ATTEMPTS]:
+        if out and (len(out) == ways or first - c.delta_bic > _CLOSE or at_noise(out[0].state, search.split)):
             break
-        out.append(_named(search, found, c))
-    return out
+        way = _named(search, found, c)
+        if set(way.state.names) == set(found.way.state.names):
+            continue
+        if not out:
+            first = c.delta_bic
+        out.append(way)
+    return out or [replace(found.way, ranking=found.ranking, ended=True)]
 
 
 def _named(search: _Search, found: _Tried, c: Comparison) -> _Branch:
@@ -272,11 +278,8 @@ def _by_another_way(
     for c in [c for c in first.accepted if c.added not in leaders[0].state.names][:_OTHERS]:
         way = _named(search, first, c)
         for round_ in range(2, rules.most + 1):
-            found = _tried(search, way, round_, tell)
-            if found.ends:
-                break
-            way = _named(search, found, found.accepted[0])
-            if not is_better(way.state, leaders[min(round_, len(leaders)) - 1].state, split, rules):
+            (way,) = _one_more(search, _tried(search, way, round_, tell), ways=1)
+            if way.ended or not is_better(way.state, leaders[min(round_, len(leaders)) - 1].state, split, rules):
                 break
             if at_noise(way.state, split):
                 break

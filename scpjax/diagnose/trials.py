@@ -143,6 +143,8 @@ def integrable(state: State, split: Split) -> bool:
 
 
 SAME = 0.5  # RMS difference of predictions, in units of the noise, up to which they are the same
+FAR = 1.15**2
+"""Mean square, in units of the noise's, above which a hypothesis ends away from it."""
 FEW, NEARLY = 12, 0.2  # steps of all; of the leader's gain after them, with less than which one is left there
 TOLERANCE = 0.02  # half the fall of the sum of squares in one step with which a trial has come to rest
 
@@ -204,19 +206,40 @@ def at_rest(setup: Setup, split: Split, trials: Sequence[Trial], *, max_steps: i
 
 
 def afresh(state: State, split: Split) -> State:
-    """A hypothesis come to rest, from where it stands and from the base parameters that the data suggested at first.
+    """A hypothesis come to rest, from where it stands and from the base parameters that the data suggested at first;
+    away from the noise also from where its mechanisms start.
 
-    Without the mechanism the base parameters were bent to imitate it, and a fit need not find the way back.
+    Without the mechanism the base parameters were bent to imitate it, and a fit need not find the way back. Nor need
+    that of a mechanism which was bent to imitate another, before that one was there.
     """
     setup = state.setup
     now, laws = state.values, np.asarray(state.trial.laws)
     keep = _added(setup, state.names, len(now))
-    begun = [trial_at(setup, np.where(keep, now, start), laws) for start in setup.starts[:3]]
-    solved, cost, rest = solve_all([state.trial, *begun], split.train, setup.space, max_steps=FEW, tolerance=TOLERANCE)
+    begun = [np.where(keep, now, start) for start in setup.starts[:3]]
+    if not at_noise(state, split):
+        begun += from_their_starts(setup, laws)
+    trials = [state.trial, *(trial_at(setup, value, laws) for value in begun)]
+    solved, cost, rest = solve_all(trials, split.train, setup.space, max_steps=FEW, tolerance=TOLERANCE)
     worst = float(np.max(cost[np.isfinite(cost)]))
     solved, cost = go_on(setup, split, solved, cost, rest, worst, worst - float(np.min(cost)), 60 - FEW)
     i = int(np.argmin(cost))
     return State(setup, solved[i], residual_on(solved[i], split.whole, setup), float(cost[i]))
+
+
+def from_their_starts(setup: Setup, laws: np.ndarray) -> list[np.ndarray]:
+    """Values with the base as the data suggested at first and every mechanism at its first start; at its last one."""
+    out: list[np.ndarray] = []
+    for which in (0, -1):
+        value = np.asarray(setup.starts[0]).copy()
+        for m, law in zip(setup.structure.mechanisms, laws, strict=True):
+            if m.is_base or m.learned:
+                continue
+            for p in m.free_parameters(int(law)):
+                start = m.starts[which][m.parameters.index(p)]
+                value[setup.structure.index[f"{m.name}.{p.name}"]] = start * _unit(setup, p)
+        if not any(np.array_equal(value, other) for other in out):
+            out.append(value)
+    return out
 
 
 def without(state: State, name: str, split: Split) -> State:

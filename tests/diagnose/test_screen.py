@@ -6,7 +6,7 @@ from diagnose.creeping import AMBIENT, BASE
 
 from scpjax.diagnose.holdout import Split, split
 from scpjax.diagnose.screen import fresh
-from scpjax.diagnose.trials import State, grown, residual_on
+from scpjax.diagnose.trials import State, from_their_starts, grown, residual_on
 from scpjax.fit.fit import best_start, refine
 from scpjax.fit.setup import Setup, prepare
 from scpjax.physics.catalogue import mechanism
@@ -55,3 +55,19 @@ def test_nothing_is_begun_anew_where_nothing_sticks():
     state, parts, catalogue = hypothesis(0.001)
     found = fresh(state, parts, catalogue, TRIED)
     assert found is None or found.mechanism.name != "friction"
+
+
+def test_a_fit_may_begin_with_the_base_and_every_mechanism_at_their_starts():
+    state, _, _ = hypothesis(0.001)
+    friction, spring = mechanism("friction"), mechanism("nonlinear_stiffness")
+    problem = grown(state.setup, friction, spring)
+    first, *last = from_their_starts(problem, np.zeros(len(problem.structure.mechanisms), int))
+    assert len(last) == 1
+    at = problem.structure.index
+    for value, start in ((first, 0), (last[0], -1)):
+        assert value[at["friction.strength"]] == friction.starts[start][0]
+        assert value[at["nonlinear_stiffness.quadratic"]] == spring.starts[start][0]
+        # what the first law does not use stays as it is without the mechanism, and the base where the data put it first
+        assert value[at["nonlinear_stiffness.strength"]] == 0.0
+        for name, i in state.setup.structure.index.items():
+            assert value[at[name]] == state.setup.starts[0][i]

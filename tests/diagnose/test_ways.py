@@ -67,6 +67,15 @@ def test_where_one_is_far_ahead_only_it_is_followed(monkeypatch):
     assert ("b",) not in asked
 
 
+def test_what_is_pruned_as_soon_as_it_is_named_leaves_its_place_to_the_next(monkeypatch):
+    """Beside ``a``, ``b`` promises more than ``c`` by far and is not missed; no round is spent on ``a`` again."""
+    asked = played(monkeypatch, {"a": 500.0, "ab": 100.0, "ac": 300.0, "acd": 1.0})
+    keep = lambda s: Played(tuple(n for n in s.names if n != "b"), 500.0) if "b" in s.names else s  # noqa: E731
+    monkeypatch.setattr(select, "prune", lambda state, split, rules: keep(state))
+    assert chosen() == {"a", "c", "d"}
+    assert asked == [(), ("a",), ("a", "c")]
+
+
 def test_where_it_ends_away_from_the_noise_another_way_is_gone(monkeypatch):
     """``a`` imitates what ``b`` and ``c`` do together."""
     asked = played(monkeypatch, {"a": 500.0, "b": 900.0, "ac": 300.0, "bc": 1.0})
@@ -215,19 +224,18 @@ def test_what_only_led_the_others_to_a_better_fit_is_taken_out(monkeypatch):
     assert select.prune(state(("a", "c")), None, Evidence()).names == ("a", "c")  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("taken", "abreast", "fitted"), [(0.9, 0, 5), (0.3, 0, 10), (0.9, 6, 7), (0.9, 14, 10)])
-def test_twice_as_many_are_fitted_where_none_explains_much_or_others_promise_as_much(
-    monkeypatch, taken, abreast, fitted
-):
-    """``abreast`` of the others promise nearly what the leader does, the rest half of it."""
+def fitted(monkeypatch, taken, abreast, *, near, names=()):
+    """Which of 14 mechanisms are fitted, each taking a share away; ``abreast`` of those behind the first promise nearly
+    what it does, the rest half of it. ``near``: whether the hypothesis is near the noise."""
     tried = []
-    state = SimpleNamespace(names=(), cost=10_100.0, setup=None)
+    state = SimpleNamespace(names=names, cost=10_100.0, setup=None)
     split = SimpleNamespace(is_train=np.ones(100, bool), train=None)
     promises = [
         SimpleNamespace(mechanism=SimpleNamespace(name=f"m{i}"), gain=100.0 - i if i <= abreast else 50.0 - i)
         for i in range(14)
     ]
     problem = SimpleNamespace(space=None)
+    monkeypatch.setattr(screen, "at_noise", lambda *_: near)
     monkeypatch.setattr(screen, "grown", lambda setup, m: tried.append(m.name) or problem)
     monkeypatch.setattr(screen, "starts_with", lambda *_: [])
     monkeypatch.setattr(screen, "_best_starts", lambda promise: [])
@@ -235,7 +243,20 @@ def test_twice_as_many_are_fitted_where_none_explains_much_or_others_promise_as_
     monkeypatch.setattr(screen, "go_on", lambda problem, split, solved, cost, *_: (solved, cost))
     monkeypatch.setattr(screen, "_by_law", lambda *_: {})
     screen.fit_promising(state, split, promises, None, 40, lambda text: None)  # type: ignore[arg-type]
-    assert tried == [f"m{i}" for i in range(fitted)]
+    assert tried == [f"m{i}" for i in range(len(tried))]
+    return len(tried)
+
+
+@pytest.mark.parametrize(("taken", "abreast", "count"), [(0.9, 0, 5), (0.3, 0, 10), (0.9, 6, 7), (0.9, 14, 10)])
+def test_twice_as_many_are_fitted_where_none_explains_much_or_others_promise_as_much(
+    monkeypatch, taken, abreast, count
+):
+    assert fitted(monkeypatch, taken, abreast, near=True) == count
+
+
+def test_where_no_first_name_comes_near_the_noise_all_are_fitted(monkeypatch):
+    assert fitted(monkeypatch, 0.9, 0, near=False) == 14
+    assert fitted(monkeypatch, 0.9, 0, near=False, names=("a",)) == 6
 
 
 @pytest.mark.parametrize(("after", "kept"), [(110.0, ("a",)), (300.0, ("a", "b"))])
