@@ -169,8 +169,15 @@ def fit_promising(
     most = _LATER if state.names else _AT_MOST
     excess = max(state.cost - float(split.is_train.sum()), 0.0)
 
+    def solve(problem: Setup, trials: Sequence[Trial], nearly: float) -> tuple[list[Trial], np.ndarray]:
+        nonlocal lead
+        solved, cost, _ = solve_all(trials, split.train, problem.space, max_steps=FEW, tolerance=coarse)
+        lead = max(lead, float(state.cost - np.min(cost)))
+        rest = np.zeros(len(cost), bool)
+        return go_on(problem, split, solved, cost, rest, state.cost, lead, max_steps - FEW, nearly)
+
     def fit(promise: Promise, nearly: float, bent: bool = True) -> None:
-        nonlocal lead, explained
+        nonlocal explained
         make_room()
         tell(promise.mechanism.name)
         problem = grown(state.setup, promise.mechanism)
@@ -179,15 +186,13 @@ def fit_promising(
         trials = [_transfer(s, over[s.law], problem) for s in queue] if bent else []
         if begun and _is(promise, begun):
             trials += [trial_at(problem, s.value, s.laws) for s in starts_with(begun.state, begun.mechanism, problem)]
-        if not at_noise(state, split, FAR):
-            for law in dict.fromkeys(s.law for s in queue):
-                laws = over[law].laws
-                trials.append(trial_at(problem, from_their_starts(problem, laws)[0], laws))
-        solved, cost, _ = solve_all(trials, split.train, problem.space, max_steps=FEW, tolerance=coarse)
-        lead = max(lead, float(state.cost - np.min(cost)))
-        rest = np.zeros(len(cost), bool)
-        solved, cost = go_on(problem, split, solved, cost, rest, state.cost, lead, max_steps - FEW, nearly)
-        out[promise.mechanism.name] = found = _by_law(promise.mechanism, problem, split, solved, cost, state)
+        solved, cost = solve(problem, trials, nearly) if trials else ([], np.zeros(0))
+        found = _by_law(promise.mechanism, problem, split, solved, cost, state) if trials else {}
+        if not (explained or any(at_noise(s, split, FAR) for s in (state, *found.values()))):
+            each = (over[law].laws for law in dict.fromkeys(s.law for s in queue))
+            own, least = solve(problem, [trial_at(problem, from_their_starts(problem, v)[0], v) for v in each], nearly)
+            found = _by_law(promise.mechanism, problem, split, [*solved, *own], np.append(cost, least), state)
+        out[promise.mechanism.name] = found
         explained = explained or any(at_noise(s, split) for s in found.values())
 
     worth = promising(promises)

@@ -76,11 +76,12 @@ def contested(before: State, fitted: dict[str, dict[int, State]], split: Split) 
     much = before.cost - _MUCH * (before.cost - least)
     if sum(cost < max(_CONTESTED * least, much) for cost in closest.values()) < 2:
         return fitted
+    far = not any(at_noise(s, split, FAR) for laws in fitted.values() for s in laws.values())
 
     def again(name: str, s: State) -> State:
         if s.cost >= _CONTESTED * least and not s.cost == closest[name] < much:
             return s
-        after = afresh(s, split)
+        after = afresh(s, split, own=far)
         return after if after.cost < s.cost else s
 
     return {name: {law: again(name, s) for law, s in laws.items()} for name, laws in fitted.items()}

@@ -205,9 +205,9 @@ def at_rest(setup: Setup, split: Split, trials: Sequence[Trial], *, max_steps: i
     return State(setup, solved[i], residual_on(solved[i], split.whole, setup), float(cost[i]))
 
 
-def afresh(state: State, split: Split) -> State:
+def afresh(state: State, split: Split, *, own: bool = True) -> State:
     """A hypothesis come to rest, from where it stands and from the base parameters that the data suggested at first;
-    away from the noise also from where its mechanisms start.
+    away from the noise also from where its mechanisms start (``own``).
 
     Without the mechanism the base parameters were bent to imitate it, and a fit need not find the way back. Nor need
     that of a mechanism which was bent to imitate another, before that one was there.
@@ -216,7 +216,7 @@ def afresh(state: State, split: Split) -> State:
     now, laws = state.values, np.asarray(state.trial.laws)
     keep = _added(setup, state.names, len(now))
     begun = [np.where(keep, now, start) for start in setup.starts[:3]]
-    if not at_noise(state, split):
+    if own and not at_noise(state, split):
         begun += from_their_starts(setup, laws)
     trials = [state.trial, *(trial_at(setup, value, laws) for value in begun)]
     solved, cost, rest = solve_all(trials, split.train, setup.space, max_steps=FEW, tolerance=TOLERANCE)

@@ -156,12 +156,14 @@ def test_fits_that_are_close_are_fitted_afresh(monkeypatch, second, asked):
     def fit(cost):
         return SimpleNamespace(cost=cost)
 
-    def afresh(state, split):
+    def afresh(state, split, own):
+        assert own == (second == 115.0)
         begun.append(state.cost)
         return SimpleNamespace(cost=90.0 if state.cost == 105.0 else 101.0)
 
     begun: list[float] = []
     monkeypatch.setattr(select, "afresh", afresh)
+    monkeypatch.setattr(select, "at_noise", lambda state, *_: second == 105.0)
     fitted = {"a": {0: fit(100.0), 1: fit(300.0)}, "b": {0: fit(second)}}
     found = select.contested(fit(110.0), fitted, None)  # type: ignore[arg-type]
     assert set(begun) == asked
@@ -178,13 +180,14 @@ def test_the_closest_law_of_what_gains_much_is_fitted_afresh(monkeypatch):
     def fit(cost):
         return SimpleNamespace(cost=cost)
 
-    monkeypatch.setattr(select, "afresh", lambda state, split: fit(80.0 if state.cost == 300.0 else state.cost))
+    monkeypatch.setattr(select, "at_noise", lambda *_: False)
+    monkeypatch.setattr(select, "afresh", lambda state, split, own: fit(80.0 if state.cost == 300.0 else state.cost))
     fitted = {"a": {0: fit(100.0)}, "b": {0: fit(700.0), 1: fit(300.0)}, "c": {0: fit(700.0)}}
     found = select.contested(fit(1000.0), fitted, None)  # type: ignore[arg-type]
     assert found["b"][1].cost == 80.0
     assert (found["a"][0].cost, found["b"][0].cost, found["c"][0].cost) == (100.0, 700.0, 700.0)
     asked: list[float] = []
-    monkeypatch.setattr(select, "afresh", lambda state, split: asked.append(state.cost))
+    monkeypatch.setattr(select, "afresh", lambda state, split, own: asked.append(state.cost))
     alone = {"a": {0: fit(100.0), 1: fit(300.0)}, "c": {0: fit(700.0)}}
     assert select.contested(fit(1000.0), alone, None) == alone  # type: ignore[arg-type]
     assert asked == []
@@ -237,8 +240,11 @@ def fitted(monkeypatch, taken, abreast, *, near, names=()):
     problem = SimpleNamespace(space=None)
     monkeypatch.setattr(screen, "at_noise", lambda *_: near)
     monkeypatch.setattr(screen, "grown", lambda setup, m: tried.append(m.name) or problem)
-    monkeypatch.setattr(screen, "starts_with", lambda *_: [])
-    monkeypatch.setattr(screen, "_best_starts", lambda promise: [])
+    start = SimpleNamespace(law=0, laws=None)
+    monkeypatch.setattr(screen, "starts_with", lambda *_: [start])
+    monkeypatch.setattr(screen, "_best_starts", lambda promise: [start])
+    for name in ("_transfer", "from_their_starts", "trial_at"):
+        monkeypatch.setattr(screen, name, lambda *_: [None])
     monkeypatch.setattr(screen, "solve_all", lambda *_, **__: ([], np.array([10_100.0 - taken * 10_000.0]), None))
     monkeypatch.setattr(screen, "go_on", lambda problem, split, solved, cost, *_: (solved, cost))
     monkeypatch.setattr(screen, "_by_law", lambda *_: {})
