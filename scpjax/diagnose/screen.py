@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.optimize import nnls
@@ -163,54 +163,86 @@ def fit_promising(
     Where nothing that promised something comes near the noise, the others are fitted too, as the first name, beside the
     base as the data suggested it at first.
     """
-    coarse = max(TOLERANCE, _COARSE * state.cost)
-    out: dict[str, dict[int, State]] = {}
-    lead, explained = 0.0, False
+    fits = _Fits(state, split, begun, max_steps, tell)
     most = _LATER if state.names else _AT_MOST
     excess = max(state.cost - float(split.is_train.sum()), 0.0)
-
-    def solve(problem: Setup, trials: Sequence[Trial], nearly: float) -> tuple[list[Trial], np.ndarray]:
-        nonlocal lead
-        solved, cost, _ = solve_all(trials, split.train, problem.space, max_steps=FEW, tolerance=coarse)
-        lead = max(lead, float(state.cost - np.min(cost)))
-        rest = np.zeros(len(cost), bool)
-        return go_on(problem, split, solved, cost, rest, state.cost, lead, max_steps - FEW, nearly)
-
-    def fit(promise: Promise, nearly: float, bent: bool = True) -> None:
-        nonlocal explained
-        make_room()
-        tell(promise.mechanism.name)
-        problem = grown(state.setup, promise.mechanism)
-        over = {s.law: s for s in starts_with(state, promise.mechanism, problem)}
-        queue = _best_starts(promise)
-        trials = [_transfer(s, over[s.law], problem) for s in queue] if bent else []
-        if begun and _is(promise, begun):
-            trials += [trial_at(problem, s.value, s.laws) for s in starts_with(begun.state, begun.mechanism, problem)]
-        solved, cost = solve(problem, trials, nearly) if trials else ([], np.zeros(0))
-        found = _by_law(promise.mechanism, problem, split, solved, cost, state) if trials else {}
-        if not (explained or any(at_noise(s, split, FAR) for s in (state, *found.values()))):
-            each = (over[law].laws for law in dict.fromkeys(s.law for s in queue))
-            own, least = solve(problem, [trial_at(problem, from_their_starts(problem, v)[0], v) for v in each], nearly)
-            found = _by_law(promise.mechanism, problem, split, [*solved, *own], np.append(cost, least), state)
-        out[promise.mechanism.name] = found
-        explained = explained or any(at_noise(s, split) for s in found.values())
-
     worth = promising(promises)
     worth = worth[:most] + [p for p in promises if _is(p, begun)] + worth[most : 2 * most]
     for i, promise in enumerate(worth):
-        if explained and promise.gain < _FAR_BEHIND * promises[0].gain:
+        if fits.explained and promise.gain < _FAR_BEHIND * promises[0].gain:
             continue
         behind = not state.names and promise.gain < _ABREAST * promises[0].gain
-        enough = lead > _GOOD * excess and (explained or behind)
-        if promise.mechanism.name in out or (i >= most and enough and not _is(promise, begun)):
+        enough = fits.lead > _GOOD * excess and (fits.explained or behind)
+        if promise.mechanism.name in fits.found or (i >= most and enough and not _is(promise, begun)):
             continue
-        fit(promise, _RIVAL if explained else NEARLY)
-    near = (s for s in (state, *(s for found in out.values() for s in found.values())) if at_noise(s, split, _LOST))
-    if not state.names and next(near, None) is None:
+        fits.add(promise)
+    if not state.names and not fits.reach(_LOST):
         for promise in promises:
-            if promise.mechanism.name not in out and not explained:
-                fit(promise, _RIVAL, bent=False)
-    return out
+            if promise.mechanism.name not in fits.found and not fits.explained:
+                fits.add(promise, bent=False)
+    return fits.found
+
+
+@dataclass
+class _Fits:
+    """A hypothesis fitted with one mechanism more, with one after another, and what they have come to."""
+
+    state: State
+    split: Split
+    begun: Fresh | None
+    max_steps: int
+    tell: Callable[[str], None]
+    found: dict[str, dict[int, State]] = field(default_factory=dict)  # by mechanism and law
+    lead: float = 0.0  # fall of the sum of squares by the closest
+    explained: bool = False  # one of them has reached the noise
+
+    def reach(self, level: float) -> bool:
+        """Whether the hypothesis, or one with a mechanism more, is down to the noise to within ``level``."""
+        every = (self.state, *(s for laws in self.found.values() for s in laws.values()))
+        return any(at_noise(s, self.split, level) for s in every)
+
+    def add(self, promise: Promise, *, bent: bool = True) -> None:
+        """Fit with a mechanism from where the hypothesis stands (``bent``) and, where that does not reach the noise
+        and no other has, with everything at its start.
+        """
+        m = promise.mechanism
+        make_room()
+        self.tell(m.name)
+        problem = grown(self.state.setup, m)
+        over = {s.law: s for s in starts_with(self.state, m, problem)}
+        queue = _best_starts(promise)
+        trials = [_transfer(s, over[s.law], problem) for s in queue] if bent else []
+        if self.begun and _is(promise, self.begun):
+            trials += [trial_at(problem, s.value, s.laws) for s in starts_with(self.begun.state, m, problem)]
+        nearly = NEARLY if bent and not self.explained else _RIVAL
+        found, solved, cost = self._closest(m, problem, trials, nearly)
+        if not (self.explained or any(at_noise(s, self.split, FAR) for s in (self.state, *found.values()))):
+            laws = [over[law].laws for law in dict.fromkeys(s.law for s in queue)]
+            own = [trial_at(problem, from_their_starts(problem, which)[0], which) for which in laws]
+            found, _, _ = self._closest(m, problem, own, nearly, solved, cost)
+        self.found[m.name] = found
+        self.explained = self.explained or any(at_noise(s, self.split) for s in found.values())
+
+    def _closest(
+        self,
+        m: Mechanism,
+        problem: Setup,
+        trials: Sequence[Trial],
+        nearly: float,
+        before: Sequence[Trial] = (),
+        costs: Sequence[float] = (),
+    ) -> tuple[dict[int, State], list[Trial], list[float]]:
+        """Some trials of a mechanism fitted: (the closest by law, all of them, what they cost), with those before."""
+        if not trials:
+            return {}, [], []
+        state, split = self.state, self.split
+        coarse = max(TOLERANCE, _COARSE * state.cost)
+        solved, cost, _ = solve_all(trials, split.train, problem.space, max_steps=FEW, tolerance=coarse)
+        self.lead = max(self.lead, float(state.cost - np.min(cost)))
+        rest, more = np.zeros(len(cost), bool), self.max_steps - FEW
+        solved, cost = go_on(problem, split, solved, cost, rest, state.cost, self.lead, more, nearly)
+        solved, least = [*before, *solved], [*costs, *(float(c) for c in cost)]
+        return _by_law(m, problem, split, solved, np.asarray(least), state), solved, least
 
 
 def _is(promise: Promise, begun: Fresh | None) -> bool:
