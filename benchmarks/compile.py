@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from scpjax.compiled import quick_options
+from scpjax.compiled import forget, quick_options
 from scpjax.diagnose.trials import grown, trial_at
 from scpjax.fit import solve as room
 from scpjax.fit.setup import prepare
@@ -46,7 +46,7 @@ def timed(options: dict, name: str) -> tuple[float, float]:
     """(compiling, running) [s] of `STEPS` steps of a fit of a model with one left-out mechanism."""
     setup = grown(prepare([recording()]), mechanism(name))
     trial = trial_at(setup, np.asarray(setup.starts[0]), np.zeros(len(setup.structure.mechanisms)))
-    jax.clear_caches()
+    forget()
     program = eqx.filter_jit(room.solve_one, **({"compiler_options": options} if options else {}))
     began = time.perf_counter()
     compiled = program.lower(trial, setup.data, setup.space, max_steps=STEPS).compile()

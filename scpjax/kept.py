@@ -17,10 +17,11 @@ import pickle
 import shutil
 import sys
 import tempfile
+import threading
 import time
 import types
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from importlib.metadata import version
@@ -38,12 +39,18 @@ _KNOWN = frozenset({"scpjax", *_BELOW, *sys.stdlib_module_names})
 _DAYS = 30.0  # that programs of another version are kept for
 _folder: Path | None = None
 _loaded: dict[Any, _Run | None] = {}
+_one_at_a_time = threading.Lock()  # for what is loaded or traced
 
 
 def keep_in(folder: Path | None) -> None:
     """From now on programs are kept in a folder; in none if None."""
     global _folder
     _folder = folder
+    forget()
+
+
+def forget() -> None:
+    """Let go of the programs that this process has loaded; their files stay."""
     _loaded.clear()
 
 
@@ -53,15 +60,26 @@ def kept(function: Callable[..., Any], args: tuple[Any, ...], options: Callable[
     """
     if _folder is None or jax.default_backend() != "cpu":
         return None
+    key = key_of(function, args)
+    if key is None:
+        return None
+    with _one_at_a_time:
+        if key not in _loaded:
+            _loaded[key] = _prepared(function, args, options, _folder)
+        return _loaded[key]
+
+
+def key_of(function: Callable[..., Any], args: tuple[Any, ...]) -> Hashable | None:
+    """What a program is told from others by: its function, the arguments that are no arrays and the shapes of those
+    that are; None where something among the arguments has no hash.
+    """
     leaves, tree = jax.tree.flatten(args)
     key = (function, tree, tuple(jax.typeof(x) if is_array(x) else (type(x), x) for x in leaves))
     try:
-        if key in _loaded:
-            return _loaded[key]
-    except TypeError:  # something among the arguments has no hash
+        hash(key)
+    except TypeError:
         return None
-    _loaded[key] = run = _prepared(function, args, options, _folder)
-    return run
+    return key
 
 
 def is_array(x: Any) -> bool:
@@ -185,9 +203,14 @@ def _trace(function: Callable[..., Any], args: tuple[Any, ...]) -> tuple[Exporte
 def _runner(traced: Exported, returned: Any, options: Mapping[str, Any]) -> _Run:
     leaves, tree = jax.tree.flatten(returned)
     program = jax.jit(traced.call, compiler_options=dict(options) or None)
+    compiled: list[Any] = []
+    first = threading.Lock()
 
     def run(arrays: Sequence[Any]) -> Any:
-        out = program(list(arrays))
+        with first:  # threads that ask for one program at once have it compiled once
+            if not compiled:
+                compiled.append(program.lower(list(arrays)).compile())
+        out = compiled[0](list(arrays))
         return tree.unflatten([out[x.i] if isinstance(x, _Place) else x for x in leaves])
 
     return run

@@ -1,12 +1,15 @@
 """What all tests share: double precision, programs compiled quickly and kept, and where the recordings lie."""
 
 import os
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
-from scpjax.cli.program import LOOPS, knows_options
+from scpjax.cli.program import LOOPS, knows_options, one_thread_for_blas
 
+if "numpy" not in sys.modules:  # which reads it once
+    one_thread_for_blas()
 if knows_options():
     # most programs here run for milliseconds: those that run longer ask for more (`scpjax.compiled`)
     quick = "backend_optimization_level=0 cpu_use_fusion_emitters=false llvm_disable_expensive_passes=true"
@@ -16,6 +19,7 @@ import jax
 import pytest
 
 from scpjax import kept
+from scpjax.compiled import forget
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update(
@@ -79,4 +83,4 @@ def _programs_of_a_call_are_its_own():
 def _few_programs_at_a_time():
     """Compiled programs are dropped after each module: a process may map only so many pieces of memory (65530)."""
     yield
-    jax.clear_caches()
+    forget()

@@ -16,7 +16,6 @@ import json
 import time
 from pathlib import Path
 
-import jax
 import numpy as np
 
 from scpjax.bench.device import EmulatedDevice
@@ -26,6 +25,7 @@ from scpjax.bench.sessions import Excite, record_profile
 from scpjax.bench.simulated import muscle, simulated
 from scpjax.bench.world import Noise
 from scpjax.cli.program import start
+from scpjax.compiled import forget
 from scpjax.physics.storage import save_model
 
 RANGES = {
@@ -87,7 +87,7 @@ def main() -> None:
                 found = one(name, seed, folder, arguments.poor)
                 (folder / "result.json").write_text(json.dumps(found, indent=1) + "\n")
                 print(json.dumps(found), flush=True)
-                jax.clear_caches()
+                forget()
     results = [json.loads(p.read_text()) for p in sorted(arguments.out.glob("*/result.json"))]
     for name in sorted({r["concealed"] for r in results}):
         mine = [r for r in results if r["concealed"] == name]

@@ -11,6 +11,7 @@ from typing import NoReturn
 
 import scpjax
 from scpjax.cli import commands
+from scpjax.cli.program import one_thread_for_blas
 from scpjax.errors import ScpjaxError
 
 _HELP = """\
@@ -65,6 +66,7 @@ def build_parser() -> Parser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command: 0 when done, 2 and one line on stderr when the call or a file is wrong."""
+    one_thread_for_blas()
     given = list(sys.argv[1:] if argv is None else argv)
     try:
         parser = build_parser()

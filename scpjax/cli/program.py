@@ -25,6 +25,13 @@ benchmarks/scans.py``), and none of their operations is shared out among threads
 other's threads, for ever. XLA reads it once, when a process computes first."""
 
 
+def one_thread_for_blas() -> None:
+    """Have BLAS compute where it is called, before NumPy reads it: threads of its own would wait by spinning on the
+    cores that fits share (`scpjax.abreast`). Whoever has set it knows what for.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
 class OutputError(ScpjaxError):
     """What was asked for cannot be written where it was asked for."""
 

@@ -19,7 +19,7 @@ from scpjax.diagnose.trials import State, at_noise, fit_leading, grown, integrab
 from scpjax.fit.identifiability import uncertainty
 from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.setup import Setup, carry
-from scpjax.fit.solve import AT_ONCE, batches, binned_of, evaluate, make_room, solve_all, stack
+from scpjax.fit.solve import binned_of, evaluate, make_room, solve_all, stack
 from scpjax.physics.catalogue import mechanism
 from scpjax.physics.mechanism import Mechanism
 from scpjax.physics.terms import Term
@@ -29,6 +29,7 @@ _CHUNK = 5  # terms in one linearisation, and so the most in a closure
 _ROUNDS = 2  # of adding up to three terms at a time
 _SETS = 12  # fitted in a round
 _STEPS, _PRUNING = 48, 20  # of a fit
+_WEAK = 8  # terms of which each is tried out, at most
 
 
 @dataclass(frozen=True)
@@ -188,7 +189,7 @@ def _pruned(
 ) -> tuple[State, tuple[str, ...]]:
     """Terms taken out one by one as long as nothing is lost; those tried first that are least sure of their size."""
     while len(chosen) > 1:
-        weak = sorted(chosen, key=_certainty(problem, state, split, chosen).__getitem__)[:AT_ONCE]
+        weak = sorted(chosen, key=_certainty(problem, state, split, chosen).__getitem__)[:_WEAK]
         bare = [_without_term(problem, state, out) for out in weak]
         solved, costs, _ = solve_all(bare, split.train, problem.space, max_steps=_PRUNING, tolerance=0.02)
         residuals = binned_of(solved, split.whole, problem.space)
@@ -288,22 +289,16 @@ def _linearised(
     free = len(state.trial.index) - int(np.asarray(state.trial.active).sum())  # places left
     parts = [tuple(keys[i : i + free]) for i in range(0, len(keys), free)]
     trials = [_moving(problem, state, part) for part in parts]
-    residual, base, columns = np.zeros(0), np.zeros((0, 0)), {}
-    done = 0
-    for batch in batches(trials):
-        here = evaluate(stack(batch), split.train, problem.space)
-        jacobian = np.asarray(here.jacobian)
-        for i in range(min(len(batch), len(trials) - done)):
-            index = np.asarray(trials[done + i].index)
-            at = {problem.structure.index[k]: k for k in parts[done + i]}
-            for column, entry in enumerate(index):
-                if int(entry) in at:
-                    columns[at[int(entry)]] = jacobian[i][:, column]
-            if done + i == 0:
-                residual = np.asarray(here.residual[0])
-                mine = [c for c, e in enumerate(index) if int(e) not in at]
-                base = jacobian[0][:, mine]
-        done += len(batch)
+    here = evaluate(stack(trials), split.train, problem.space)
+    residual, jacobian = np.asarray(here.residual[0]), np.asarray(here.jacobian)
+    at = [{problem.structure.index[k]: k for k in part} for part in parts]
+    columns = {
+        mine[int(e)]: j[:, c]
+        for trial, mine, j in zip(trials, at, jacobian, strict=True)
+        for c, e in enumerate(np.asarray(trial.index))
+        if int(e) in mine
+    }
+    base = jacobian[0][:, [c for c, e in enumerate(np.asarray(trials[0].index)) if int(e) not in at[0]]]
     base = base[:, np.any(base != 0, axis=0)]
     scaled = base / np.linalg.norm(base, axis=0)
     basis, values, _ = np.linalg.svd(scaled, full_matrices=False)

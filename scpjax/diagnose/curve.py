@@ -20,7 +20,7 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.trials import State, fit_leading, grown, integrable, laws_of
 from scpjax.fit.problem import CEILING, Trial, initial_state, unpack
 from scpjax.fit.setup import Setup, carry
-from scpjax.fit.solve import batches, binned_of, evaluate, make_room, stack
+from scpjax.fit.solve import binned_of, evaluate, make_room, stack
 from scpjax.physics.catalogue import mechanism
 from scpjax.physics.curves import PIECES, VARIABLES, WEIGHTS, Form, basis, form_of, share_of
 from scpjax.physics.mechanism import Mechanism
@@ -263,18 +263,16 @@ def _weights(problem: Setup, m: Mechanism) -> np.ndarray:
 def _left(problem: Setup, split: Split, trials: Sequence[Trial], m: Mechanism) -> dict[int, float]:
     """By law, the sum of squares that its curve would leave if the simulation were linear in it."""
     mine = set(np.flatnonzero(_weights(problem, m)))
-    out, done = {}, 0
-    for batch in batches(trials):
-        here = evaluate(stack(batch), split.train, problem.space)
-        for i in range(min(len(batch), len(trials) - done)):
-            index = np.asarray(trials[done + i].index)
-            jacobian, residual = np.asarray(here.jacobian[i]), np.asarray(here.residual[i])
-            keep = np.all(np.isfinite(jacobian), axis=0) & np.any(jacobian != 0, axis=0)
-            own = any(int(e) in mine for e, k in zip(index, keep, strict=False) if k)
-            if own and np.all(np.isfinite(residual)):
-                scaled = jacobian[:, keep] / np.linalg.norm(jacobian[:, keep], axis=0)
-                basis, size, _ = np.linalg.svd(scaled, full_matrices=False)
-                basis = basis[:, size > 1e-7 * size[0]]
-                out[done + i] = float(residual @ residual - np.sum((basis.T @ residual) ** 2))
-        done += len(batch)
+    here = evaluate(stack(trials), split.train, problem.space)
+    out = {}
+    for i, trial in enumerate(trials):
+        index = np.asarray(trial.index)
+        jacobian, residual = np.asarray(here.jacobian[i]), np.asarray(here.residual[i])
+        keep = np.all(np.isfinite(jacobian), axis=0) & np.any(jacobian != 0, axis=0)
+        own = any(int(e) in mine for e, k in zip(index, keep, strict=False) if k)
+        if own and np.all(np.isfinite(residual)):
+            scaled = jacobian[:, keep] / np.linalg.norm(jacobian[:, keep], axis=0)
+            basis, size, _ = np.linalg.svd(scaled, full_matrices=False)
+            basis = basis[:, size > 1e-7 * size[0]]
+            out[i] = float(residual @ residual - np.sum((basis.T @ residual) ** 2))
     return out

@@ -16,8 +16,10 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 from scipy.linalg import expm
 
+from scpjax.compiled import quickly_compiled
 from scpjax.diagnose.locate import Binned
 from scpjax.diagnose.result import Latent
 from scpjax.fit.data import Data
@@ -52,7 +54,8 @@ class Misfit:
     def __init__(self, setup: Setup, data: Data, trial: Trial, binned: Binned):
         self.binned = binned
         self.model, _ = unpack(trial.free, trial, setup.space)
-        self.places = {p.name: p for p in _places(setup, data, self.model)}
+        self.linear = tuple(np.asarray(x) for x in _about_rest(self.model))
+        self.places = {p.name: p for p in _places(setup, data, self.model, self.linear[1])}
         here = evaluate(stack([trial]), data, setup.space)
         self._rows = binned.there.ravel()
         residual = np.asarray(here.residual[0])[: self._rows.size][self._rows]
@@ -76,7 +79,7 @@ class Misfit:
         for i, given in enumerate(inputs):
             g = np.zeros((r, k, y, given.shape[1]))
             times = given if where.times is None else given * where.times[i][:, None]
-            g[i] = _linear_response(self.model, where, float(self.widths[i]), times, y)
+            g[i] = _linear_response(self.linear, where, float(self.widths[i]), times, y)
             blocks.append((g * self._scale[..., None]).reshape(-1, given.shape[1])[self._rows])
         return self._clean(np.concatenate(blocks, axis=1))
 
@@ -88,8 +91,15 @@ def missing(misfit: Misfit) -> tuple[Latent, ...]:
     return tuple(sorted(out, key=lambda m: -m.evidence * (READING if m.subsystem == "sensor" else 1.0)))
 
 
-def _places(setup: Setup, data: Data, model: Model) -> list[_Place]:
-    """Where something may be missing in this model."""
+@quickly_compiled
+def _about_rest(model: Model) -> tuple[Array, Array, Array]:
+    """A (n, n) and B (n, sides) of the balances, C (y, n) of the sensors."""
+    still = jnp.zeros(len(model.structure.sides))
+    return (*model.linearise(), jax.jacfwd(model.observe)(jnp.zeros(model.structure.n_states), still))
+
+
+def _places(setup: Setup, data: Data, model: Model, driven: np.ndarray) -> list[_Place]:
+    """Where something may be missing in this model; ``driven`` (n, sides) is how its rates feel the drive."""
     s, b = setup.structure, model.balances()
     names, places = s.state_names, []
     mass = np.broadcast_to(np.asarray(b.thermal_mass), (len(s.sides),))
@@ -98,9 +108,7 @@ def _places(setup: Setup, data: Data, model: Model) -> list[_Place]:
         unit[i] = 1.0 / mass[i]
         places.append(_Place("thermoelectric", f"heat_{side}" if side else "heat", "W", unit, 0))
         share = _by_bin(data, i)  # of the effort, that it lacks or has too much of
-        places.append(
-            _Place("drive", f"drive_{side}" if side else "drive", "1", np.asarray(model.linearise()[1])[:, i], 0, share)
-        )
+        places.append(_Place("drive", f"drive_{side}" if side else "drive", "1", driven[:, i], 0, share))
     if s.mechanical:
         unit = np.zeros(len(names))
         unit[names.index("velocity")] = 1.0 / float(np.asarray(b.moving_mass))
@@ -163,16 +171,16 @@ def hats(k: int, gap: int, m: int) -> np.ndarray:
     return np.maximum(1.0 - np.abs(np.arange(k)[:, None] - gap * np.arange(m)) / gap, 0.0)
 
 
-def _linear_response(model: Model, place: _Place, width: float, inputs: np.ndarray, y: int) -> np.ndarray:
-    """Outputs (k, y, m) to inputs (k, m) that are linear over bins of a width [s]."""
+def _linear_response(
+    linear: Sequence[np.ndarray], place: _Place, width: float, inputs: np.ndarray, y: int
+) -> np.ndarray:
+    """Outputs (k, y, m) to inputs (k, m) that are linear over bins of a width [s]; ``linear`` is A, B and C."""
     k, m = inputs.shape
     out = np.zeros((k, y, m))
     if place.into is None:
         out[:, place.output] = inputs
         return out
-    a = np.asarray(model.linearise()[0])
-    z = jnp.zeros(model.structure.n_states)
-    c = np.asarray(jax.jacfwd(model.observe)(z, jnp.zeros(len(model.structure.sides))))
+    a, _, c = linear
     n = len(a)
     # exact for an input that is linear over each bin: Franklin, Powell, Workman, Digital Control, section 4.3.2
     big = np.zeros((n + 2, n + 2))

@@ -14,7 +14,8 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from scpjax.compiled import quickly_compiled
+from scpjax.abreast import abreast
+from scpjax.compiled import forget, quickly_compiled
 from scpjax.fit.data import Data
 from scpjax.fit.marquardt import Marquardt
 from scpjax.fit.problem import Space, Trial, residuals_of, sensitivities, simulated
@@ -69,10 +70,6 @@ def solve_one(
     )
 
 
-AT_ONCE = 8
-"""Trials in one compiled call, at most."""
-
-
 def solve(
     trials: Trial,
     data: Data,
@@ -82,35 +79,24 @@ def solve(
     tolerance: float = 1e-3,
     robust: float = 0.0,
 ) -> Solution:
-    """All trials (leading axis) one after the other on the same data, in one compiled call.
+    """All trials (leading axis) on the same data, each by a call of one compiled program, as many abreast as there are
+    cores.
 
-    Few are filled up to `AT_ONCE`, so that one program for a model serves any number; the filling is not solved. Side
-    by side they would all take as many steps as the slowest, and a Jacobian for every step that is rejected.
+    In one call, side by side, they would all take as many steps as the slowest, and a Jacobian for every step that is
+    rejected.
     """
-    n = trials.free.shape[0]
-    idle = max(AT_ONCE - n, 0)
-    if idle:
-        trials = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], idle, axis=0)]), trials)
-    count, most, enough = (jnp.asarray(np.asarray(x)) for x in (n, max_steps, tolerance))
-    found = _solve(trials, data, space, count, most, enough, robust)
-    return jax.tree.map(lambda x: np.asarray(x)[:n], found)
+    most, enough = jnp.asarray(np.asarray(max_steps)), jnp.asarray(np.asarray(tolerance))
+
+    def one(i: int) -> Solution:
+        return jax.tree.map(np.asarray, _solve(pick(trials, i), data, space, most, enough, robust))
+
+    found = abreast(one, range(trials.free.shape[0]))
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *found)
 
 
 @quickly_compiled
-def _solve(
-    trials: Trial, data: Data, space: Space, count: Array, max_steps: Array, tolerance: Array, robust: float
-) -> Solution:
-    @jax.jit  # traced once, for its shapes and for what it does
-    def one(trial: Trial) -> Solution:
-        return solve_one(trial, data, space, max_steps=max_steps, tolerance=tolerance, robust=robust)
-
-    like = jax.eval_shape(one, pick(trials, 0))
-    empty = jax.tree.map(lambda x: jnp.zeros((trials.free.shape[0], *x.shape), x.dtype), like)
-
-    def put(i: Array, done: Solution) -> Solution:
-        return jax.tree.map(lambda all_, mine: all_.at[i].set(mine), done, one(pick(trials, i)))
-
-    return jax.lax.fori_loop(0, count, put, empty)
+def _solve(trial: Trial, data: Data, space: Space, max_steps: Array, tolerance: Array, robust: float) -> Solution:
+    return solve_one(trial, data, space, max_steps=max_steps, tolerance=tolerance, robust=robust)
 
 
 def solve_fleet(
@@ -151,32 +137,16 @@ def evaluate(trials: Trial, data: Data, space: Space) -> Solution:
 def solve_all(
     trials: Sequence[Trial], data: Data, space: Space, *, max_steps: int, tolerance: float = 1e-3
 ) -> tuple[list[Trial], np.ndarray, np.ndarray]:
-    """(trials where they ended, costs (trials,), inf where none is finite, whether at rest there): equal batches."""
-    done: list[Trial] = []
-    costs: list[np.ndarray] = []
-    still: list[np.ndarray] = []
-    for part in batches(trials):
-        batch = stack(part)
-        found = solve(batch, data, space, max_steps=max_steps, tolerance=tolerance)
-        ended = eqx.tree_at(lambda t: t.free, batch, found.free)
-        done += [pick(ended, i) for i in range(len(part))]
-        costs.append(np.asarray(found.cost))
-        still.append(np.asarray(found.converged))
-    n = len(trials)
-    cost, rest = np.concatenate(costs)[:n], np.concatenate(still)[:n]
-    return done[:n], np.where(np.isfinite(cost), cost, np.inf), rest
+    """(trials where they ended, costs (trials,), inf where none is finite, whether at rest there)."""
+    found = solve(stack(trials), data, space, max_steps=max_steps, tolerance=tolerance)
+    done = [eqx.tree_at(lambda t: t.free, trial, found.free[i]) for i, trial in enumerate(trials)]
+    return done, np.where(np.isfinite(found.cost), found.cost, np.inf), np.asarray(found.converged)
 
 
 def binned_of(trials: Sequence[Trial], data: Data, space: Space) -> np.ndarray:
     """Binned residuals (trials, r, k, y) of trials where they stand; 0 where a bin is empty."""
-    parts = batches(trials)
-    flat = np.concatenate([np.asarray(evaluate(stack(part), data, space).residual) for part in parts])
-    return flat[: len(trials), : data.target.size].reshape(-1, *data.target.shape)
-
-
-def batches(trials: Sequence[Trial]) -> list[list[Trial]]:
-    """Batches of `AT_ONCE`, the last one shorter."""
-    return [list(trials[i : i + AT_ONCE]) for i in range(0, len(trials), AT_ONCE)]
+    flat = np.asarray(evaluate(stack(trials), data, space).residual)
+    return flat[:, : data.target.size].reshape(-1, *data.target.shape)
 
 
 _MAPPED = 20_000  # pieces of memory; Linux gives a process 65,530, and every compiled program takes about a thousand
@@ -186,26 +156,26 @@ def make_room() -> None:
     """Drop all compiled programs where the process holds so many that it might not get memory for more."""
     maps = Path("/proc/self/maps")
     if maps.exists() and maps.read_bytes().count(b"\n") > _MAPPED:
-        jax.clear_caches()
+        forget()
         gc.collect()
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc keeps what was freed, gigabytes of it
         if trim is not None:
             trim(0)
 
 
-_FORWARD = 40  # simulations abreast
+_FORWARD = 40  # simulations in one call, side by side
 
 
 def residuals_at(values: np.ndarray, laws: np.ndarray, data: Data, space: Space) -> np.ndarray:
     """Binned residuals (m, r, k, y) at physical values (m, all) and laws (m, mechanisms): simulations only."""
-    out = []
-    for i in range(0, len(values), _FORWARD):
+
+    def some(i: int) -> np.ndarray:
         part, kept = values[i : i + _FORWARD], laws[i : i + _FORWARD]
         fill = ((0, _FORWARD - len(part)), (0, 0))
         theta, which = (jnp.asarray(np.pad(x, fill, "edge")) for x in (part, kept))
-        found = _forward(theta, which, data, space)
-        out.append(np.asarray(found)[: len(part)])
-    return np.concatenate(out)
+        return np.asarray(_forward(theta, which, data, space))[: len(part)]
+
+    return np.concatenate(abreast(some, range(0, len(values), _FORWARD)))
 
 
 @quickly_compiled
