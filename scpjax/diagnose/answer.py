@@ -12,6 +12,7 @@ from scpjax.diagnose.closure import Learned
 from scpjax.diagnose.curve import Curve
 from scpjax.diagnose.distil import draw
 from scpjax.diagnose.expression import describe
+from scpjax.diagnose.final import fitted_to_all, resolved
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.locate import Binned, locate
 from scpjax.diagnose.outside import AT_NOISE, MOST, balance_of, form_at_most, level
@@ -20,11 +21,8 @@ from scpjax.diagnose.rhythm import Rhythm
 from scpjax.diagnose.select import Choice
 from scpjax.diagnose.swing import Swing, draw_swing
 from scpjax.diagnose.trials import State, residual_on
-from scpjax.fit.colour import Whitener
-from scpjax.fit.data import Data
-from scpjax.fit.fit import final_model, noise_by_column, refine, scores, traces
+from scpjax.fit.fit import final_model, noise_by_column, scores, traces
 from scpjax.fit.identifiability import estimates, uncertainty
-from scpjax.fit.problem import Trial
 from scpjax.fit.result import Estimate
 from scpjax.physics.catalogue import mechanism
 
@@ -37,8 +35,6 @@ TRUSTED: dict[Verdict, float] = {
 Laplace's rule of succession. The evidence compares the laws of the catalogue as if one of them were exact; this is what
 it does not know.
 """
-
-_FARTHER = 1.5  # ratio of misfits, from which a fit to coloured residuals is off
 
 _SWINGS = {
     "drive": "a supply or a driver that wavers",
@@ -67,9 +63,10 @@ def answer(
     setup = base.setup
     state = learned.state if learned else choice.state
     problem = state.setup
-    final, final_data = _final(parts, state)
-    base_final, _ = _final(parts, base)
-    doubt = uncertainty(final, final_data, problem.space, coloured=final_data is parts.whole)
+    fine, by_fine = resolved(state, parts)
+    final, final_data = fitted_to_all(fine, by_fine)
+    base_final, _ = fitted_to_all(parts, base)
+    doubt = uncertainty(final, final_data, problem.space, coloured=final_data is fine.whole)
     every = estimates(final, problem.space, doubt)
     fitted, closure = final_model(problem, final), None
     if isinstance(learned, Curve):
@@ -80,7 +77,7 @@ def answer(
         closure = describe(learned, every, fitted.values())
     named = _named(choice, every) + _by_curve(choice, learned, closure)
     subsystem = swing.subsystem if swing else _subsystem(choice, closure, lacking)
-    left = level(replace(state, residual=residual_on(final, parts.whole, problem)), parts)
+    left = level(replace(state, residual=residual_on(final, fine.whole, problem)), parts)
     verdict, says = _verdict(base, choice.state, state, parts, named, closure, left)
     if swing:
         says += f" {swing.says}"
@@ -121,32 +118,6 @@ def _scores(model: str, state: State, parts: Split) -> Scores:
         scores(state.setup, parts.whole, state.trial, held),
         noise_by_column(state.setup),
     )
-
-
-def _final(parts: Split, state: State) -> tuple[Trial, Data]:
-    """The hypothesis fitted to all data, by generalised least squares where its residuals stay coloured.
-
-    The colour is believed if the held-out stretches, filtered by it, are predicted no worse by a training fit that
-    uses it than by one that does not; and not where the fit to all data then misses them by far: what the filter takes
-    out, such as a sensor's offset, nothing holds there.
-    """
-    setup, there = state.setup, parts.is_train | parts.is_held
-    white = Whitener.learn(state.residual, there)
-    trial, _, _ = refine(setup, parts.whole, state.trial)
-    if white.is_white:
-        return trial, parts.whole
-    uncoloured = trial
-    trained, _, _ = refine(setup, parts.train.with_colour(white.colour), state.trial)
-    plain, filtered = (white(r, parts.is_held)[0] for r in (state.residual, residual_on(trained, parts.whole, setup)))
-    if filtered > plain * (1 + 1e-3):
-        return trial, parts.whole
-    data = parts.whole
-    for _ in range(2):
-        data = parts.whole.with_colour(white.colour)
-        trial, _, _ = refine(setup, data, trial)
-        white = Whitener.learn(residual_on(trial, parts.whole, setup), there)
-    before, after = (np.sum(residual_on(t, parts.whole, setup)[there] ** 2) for t in (uncoloured, trial))
-    return (trial, data) if after < _FARTHER**2 * before else (uncoloured, parts.whole)
 
 
 def _named(choice: Choice, every: Mapping) -> tuple[Named, ...]:

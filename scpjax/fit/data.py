@@ -61,6 +61,21 @@ class Data(eqx.Module):
         """The same data, simulated by another order of the integrator."""
         return dataclasses.replace(self, order=order)
 
+    def finer(self, factor: int) -> Data:
+        """The same data under a held drive, simulated by steps shorter by a whole factor."""
+        g = self.grids
+        if not g.constant:
+            raise ValueError("only a held drive is the same in every part of a step")
+        at = np.asarray(g.at) * factor + np.floor(np.asarray(g.fraction) * factor).astype(int)
+        grids = Grid(
+            jnp.repeat(jnp.asarray(g.effort), factor, axis=1),
+            jnp.asarray(g.step) / factor,
+            jnp.asarray(at),
+            jnp.asarray(np.asarray(g.fraction) * factor % 1.0),
+            g.constant,
+        )
+        return dataclasses.replace(self, grids=grids, bin=self.bin * factor).with_weights(self.weights)
+
     def by_recording(self) -> Data:
         """Which axis of each leaf counts recordings, as `jax.vmap` takes it: the first, or None."""
         everywhere = eqx.tree_at(lambda d: (d.sigma, d.colour), self, (None, None))

@@ -21,7 +21,7 @@ from scpjax.simulate.simulate import Exponential, Method, simulate
 from scpjax.units import parse_column
 
 _HALVINGS = 5  # of a step of prediction, at most
-_CHANGED = 0.01  # of an output's standard deviation, by which it may change when the steps are halved
+_CHANGED = 0.003  # of an output's standard deviation, by which it may change when the steps are halved
 _CLEAR = 4.0  # standard deviations from rest beyond which a first sample says that the actuator was not at rest
 
 

@@ -1,0 +1,70 @@
+"""The chosen hypothesis fitted once more, to all data, by steps that are short enough."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.trials import State, residual_on
+from scpjax.fit.colour import Whitener
+from scpjax.fit.data import Data
+from scpjax.fit.fit import refine
+from scpjax.fit.problem import Trial
+from scpjax.fit.solve import outputs_of
+
+_RESOLVED = 0.1  # of the noise of a sample, by which predictions may change where steps are halved
+_FINEST = 8  # parts of a step, at most
+_FARTHER = 1.5  # ratio of misfits, from which a fit to coloured residuals is off
+
+
+def resolved(state: State, parts: Split) -> tuple[Split, State]:
+    """The data, and the hypothesis fitted to their training part, simulated by steps that are short enough; as they are, where they are.
+
+    Where what acts on the force has states of its own, such as hysteresis, a step as long as a sample may err by more
+    than the noise, and parameters fitted with it make up for that only under drives like those given.
+    """
+    own = any(m.states and m.subsystem == "thermomechanical" for m in state.setup.structure.mechanisms if not m.is_base)
+    if not (own and parts.whole.grids.constant):
+        return parts, state
+    sigma, space = np.asarray(parts.whole.sigma), state.setup.space
+    there = np.where(np.asarray(parts.whole.weights) > 0, 1.0, 0.0)
+    factor, coarse = 1, np.asarray(outputs_of(state.trial, parts.whole, space))
+    while factor < _FINEST:
+        fine = np.asarray(outputs_of(state.trial, parts.whole.finer(2 * factor), space))
+        change = np.sum(there * ((fine - coarse) / sigma) ** 2, axis=(0, 1)) / np.maximum(there.sum(axis=(0, 1)), 1)
+        if np.sqrt(np.max(change)) < _RESOLVED:
+            break
+        factor, coarse = 2 * factor, fine
+    if factor == 1:
+        return parts, state
+    parts = replace(parts, train=parts.train.finer(factor), whole=parts.whole.finer(factor))
+    trial, _, cost = refine(state.setup, parts.train, state.trial)
+    return parts, State(state.setup, trial, residual_on(trial, parts.whole, state.setup), cost)
+
+
+def fitted_to_all(parts: Split, state: State) -> tuple[Trial, Data]:
+    """The hypothesis fitted to all data, by generalised least squares where its residuals stay coloured.
+
+    The colour is believed if the held-out stretches, filtered by it, are predicted no worse by a training fit that
+    uses it than by one that does not; and not where the fit to all data then misses them by far: what the filter takes
+    out, such as a sensor's offset, nothing holds there.
+    """
+    setup, there = state.setup, parts.is_train | parts.is_held
+    white = Whitener.learn(state.residual, there)
+    trial, _, _ = refine(setup, parts.whole, state.trial)
+    if white.is_white:
+        return trial, parts.whole
+    uncoloured = trial
+    trained, _, _ = refine(setup, parts.train.with_colour(white.colour), state.trial)
+    plain, filtered = (white(r, parts.is_held)[0] for r in (state.residual, residual_on(trained, parts.whole, setup)))
+    if filtered > plain * (1 + 1e-3):
+        return trial, parts.whole
+    data = parts.whole
+    for _ in range(2):
+        data = parts.whole.with_colour(white.colour)
+        trial, _, _ = refine(setup, data, trial)
+        white = Whitener.learn(residual_on(trial, parts.whole, setup), there)
+    before, after = (np.sum(residual_on(t, parts.whole, setup)[there] ** 2) for t in (uncoloured, trial))
+    return (trial, data) if after < _FARTHER**2 * before else (uncoloured, parts.whole)

@@ -1,0 +1,115 @@
+"""The last fit: by steps so short that the parameters are the actuator's, and not the integrator's."""
+
+from functools import cache
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from scpjax.diagnose.diagnose import _base
+from scpjax.diagnose.final import fitted_to_all, resolved
+from scpjax.diagnose.trials import at_rest, from_their_starts, grown, trial_at
+from scpjax.fit.data import Data
+from scpjax.fit.fit import final_model
+from scpjax.fit.predict import predict
+from scpjax.fit.setup import prepare
+from scpjax.fit.solve import outputs_of
+from scpjax.physics.catalogue import mechanism
+from scpjax.recordings import Metadata, Recording
+
+NOISE_MM, NOISE_K, PERIOD = 0.004, 0.02, 0.2
+R, LAM, C_TH, C, K, BETA, M = 1.2, 0.15, 0.9, 0.03, 200.0, 8.0, 0.3
+STRENGTH, WIDTH, SHARP = 0.8, 4e-4, 1.5
+
+
+def hysteretic(volts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(K above ambient, m) of a plant beside whose spring a Bouc-Wen element slips, integrated by LSODA."""
+
+    def rates(_t, s, power):
+        warm, x, v, z = s
+        slip = v / WIDTH * (1 - abs(z) ** SHARP * (1 + np.sign(v * z)) / 2)
+        force = C * warm - K * x - BETA * v - STRENGTH * K * WIDTH * z
+        return [(power - LAM * warm) / C_TH, v, force / M, slip]
+
+    states, z = [np.zeros(4)], np.zeros(4)
+    for v in volts[:-1]:
+        z = solve_ivp(rates, (0, PERIOD), z, "LSODA", args=(v**2 / R,), rtol=1e-8, atol=1e-11, max_step=0.02).y[:, -1]
+        states.append(z)
+    return np.array(states)[:, 0], np.array(states)[:, 1]
+
+
+@cache
+def recording(seed: int, hold_s: float) -> Recording:
+    rng = np.random.default_rng(seed)
+    n = 500
+    levels = rng.choice([0.0, 1.5, 2.5, 3.3, 4.0], size=n)
+    volts = np.repeat(levels, round(hold_s / PERIOD))[:n]
+    volts[:5] = 0.0
+    warm, x = hysteretic(volts)
+    columns = {
+        "temperature_degC": 22.0 + warm + NOISE_K * rng.standard_normal(n),
+        "displacement_mm": 1e3 * x + NOISE_MM * rng.standard_normal(n),
+    }
+    meta = Metadata(
+        name=f"hold_{hold_s:g}", known=(("resistance_ohm", R), ("moving_mass_kg", M)), model="plant", ambient_K=295.15
+    )
+    return Recording.from_arrays(PERIOD * np.arange(n), {"voltage_V": volts}, columns, metadata=meta)
+
+
+@cache
+def fitted():
+    given = (recording(1, 5.0), recording(2, 12.0))
+    parts, base, _ = _base(prepare(given))
+    problem = grown(base.setup, mechanism("hysteresis"))
+    laws = np.zeros(len(problem.structure.mechanisms))
+    state = at_rest(problem, parts, [trial_at(problem, v, laws) for v in from_their_starts(problem, laws)])
+    return parts, state
+
+
+def test_steps_divided_are_those_of_data_packed_so():
+    parts, state = fitted()
+    data: Data = parts.whole
+    finer = data.finer(3)
+    packed = prepare(state.setup.recordings, bin=data.bin, substeps=3).data
+    assert finer.bin == packed.bin == 3 * data.bin
+    np.testing.assert_allclose(finer.target, data.target)
+    np.testing.assert_allclose(finer.norm, data.norm)
+    steps = min(np.asarray(d.grids.effort).shape[1] for d in (finer, packed))
+    np.testing.assert_allclose(finer.grids.effort[:, :steps], packed.grids.effort[:, :steps], atol=1e-12)
+    space = state.setup.space
+    n = min(finer.outputs.shape[1], packed.outputs.shape[1])
+    seen = np.asarray(data.weights)[:, :n] > 0
+    one, other = (np.asarray(outputs_of(state.trial, d, space))[:, :n] for d in (finer, packed))
+    np.testing.assert_allclose(one[seen], other[seen], rtol=1e-9)
+
+
+def test_the_last_fit_does_not_make_up_for_long_steps():
+    """Fitted by steps as long as a sample, the width is off; by short ones it is the actuator's, and what the given
+    drives hardly show is predicted to the noise."""
+    parts, state = fitted()
+    fine, again = resolved(state, parts)
+    assert fine.whole.bin > parts.whole.bin
+    assert np.array_equal(fine.is_held, parts.is_held)
+
+    def found(split, start):
+        trial, _ = fitted_to_all(split, start)
+        return final_model(state.setup, trial)
+
+    coarse, model = found(parts, state), found(fine, again)
+    reference = float(model.value("hysteresis.reference"))
+    off = [abs(float(m.value("hysteresis.width")) * reference / WIDTH - 1) for m in (coarse, model)]
+    assert off[1] < 0.05
+    assert off[1] < 0.5 * off[0]
+    kept = recording(3, 60.0)
+    error = []
+    for m in (coarse, model):
+        _, said = predict(m, kept, noise={"displacement_mm": NOISE_MM, "temperature_degC": NOISE_K})
+        error.append(float(np.sqrt(np.mean((said["displacement_mm"] - 1e3 * kept.output("displacement")) ** 2))))
+    assert error[1] < 1.15 * NOISE_MM
+    assert error[1] < error[0]
+
+
+def test_what_is_resolved_stays_as_it_is():
+    parts, state = fitted()
+    base = grown(state.setup)
+    simple = _base(prepare(base.recordings))
+    assert resolved(simple[1], parts) == (parts, simple[1])
