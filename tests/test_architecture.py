@@ -19,6 +19,7 @@ RANK = {
     "kept": 0,
     "units": 1,
     "parameter": 1,
+    "abreast": 0,
     "compiled": 1,
     "recordings": 2,
     "physics": 3,

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from scpjax.abreast import abreast
 from scpjax.diagnose.evidence import Comparison, Evidence, are_alike, compare
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.trials import State, fit_leading, grown, integrable, laws_of
@@ -109,11 +110,10 @@ def curves(
         return []
     there = {"thermal": s.thermal, "mechanical": s.mechanical}
     able = [m for m in map(mechanism, CURVES) if all(there[need] for need in m.needs)]
-    found: list[Curve] = []
-    for m in [m for m in able if m.subsystem in subsystems] or able:
-        make_room()
-        found += _of(m, state, split, rules, allowed)
-    return [c for c in found if c.evidence.accepted and _stands(c, split)]
+    make_room()
+    where = [m for m in able if m.subsystem in subsystems] or able
+    found = abreast(lambda m: _of(m, state, split, rules, allowed), where)  # each has a program to be compiled
+    return [c for c in itertools.chain(*found) if c.evidence.accepted and _stands(c, split)]
 
 
 def best_of(found: Sequence[Curve], state: State, split: Split, rules: Evidence) -> Curve | None:

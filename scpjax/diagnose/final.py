@@ -20,7 +20,8 @@ _FARTHER = 1.5  # ratio of misfits, from which a fit to coloured residuals is of
 
 
 def resolved(state: State, parts: Split) -> tuple[Split, State]:
-    """The data, and the hypothesis fitted to their training part, simulated by steps that are short enough; as they are, where they are.
+    """The data, and the hypothesis fitted to their training part, by steps that are short enough; both as they are
+    where theirs are.
 
     Where what acts on the force has states of its own, such as hysteresis, a step as long as a sample may err by more
     than the noise, and parameters fitted with it make up for that only under drives like those given.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import nnls
 
+from scpjax.abreast import abreast
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.trials import (
     FAR,
@@ -20,6 +21,7 @@ from scpjax.diagnose.trials import (
     from_their_starts,
     go_on,
     grown,
+    moved,
     starts_with,
     trial_at,
 )
@@ -164,9 +166,11 @@ def fit_promising(
     base as the data suggested it at first.
     """
     fits = _Fits(state, split, begun, max_steps, tell)
+    make_room()
     most = _LATER if state.names else _AT_MOST
     excess = max(state.cost - float(split.is_train.sum()), 0.0)
     worth = promising(promises)
+    _compiled([p.mechanism for p in worth[: _LATER if state.names else _AT_LEAST]], state, split)
     worth = worth[:most] + [p for p in promises if _is(p, begun)] + worth[most : 2 * most]
     for i, promise in enumerate(worth):
         if fits.explained and promise.gain < _FAR_BEHIND * promises[0].gain:
@@ -181,6 +185,16 @@ def fit_promising(
             if promise.mechanism.name not in fits.found and not fits.explained:
                 fits.add(promise, bent=False)
     return fits.found
+
+
+def _compiled(mechanisms: Sequence[Mechanism], state: State, split: Split) -> None:
+    """Have the programs of several hypotheses, all of which will be asked for, compiled at once."""
+
+    def ready(m: Mechanism) -> None:
+        problem = grown(state.setup, m)
+        evaluate(stack([trial_at(problem, *moved(state, problem))]), split.train, problem.space)
+
+    abreast(ready, mechanisms)
 
 
 @dataclass

@@ -99,7 +99,7 @@ def trial_at(setup: Setup, value: np.ndarray, laws: np.ndarray) -> Trial:
 def starts_with(state: State, added: Mechanism, problem: Setup) -> list[Start]:
     """Every law and start of a mechanism added to a hypothesis, over a problem that holds it."""
     null = np.asarray(problem.starts[0])[: len(problem.structure.slots)]
-    now, laws = _moved(state, problem)
+    now, laws = moved(state, problem)
     which = next(i for i, m in enumerate(problem.structure.mechanisms) if m.name == added.name)
     out = []
     for law in laws_that_can_act(problem, added):
@@ -247,7 +247,7 @@ def without(state: State, name: str, split: Split) -> State:
     been bent beside that mechanism, from the base parameters that the data suggested at first.
     """
     setup = reduced(state.setup, name)
-    value, laws = _moved(state, setup)
+    value, laws = moved(state, setup)
     begun = np.where(_added(setup, state.names, len(value)), value, np.asarray(setup.starts[0]))
     return at_rest(setup, split, [trial_at(setup, value, laws), trial_at(setup, begun, laws)])
 
@@ -280,7 +280,7 @@ def in_order(state: State, first: str, split: Split) -> State:
     structure = state.setup.structure
     ordered = sorted(structure.mechanisms, key=lambda m: 0 if m.is_base else 1 if m.name == first else 2)
     setup = restructured(state.setup, replace(structure, mechanisms=tuple(ordered)))
-    trial = trial_at(setup, *_moved(state, setup))
+    trial = trial_at(setup, *moved(state, setup))
     residual = residual_on(trial, split.whole, setup)
     there = split.is_train | split.is_held
     if not np.sqrt(np.mean((residual - state.residual)[there] ** 2)) < _ORDER:
@@ -291,7 +291,7 @@ def in_order(state: State, first: str, split: Split) -> State:
 _ORDER = 1e-3  # RMS difference of predictions, in units of the noise, up to which the order of two names is none
 
 
-def _moved(state: State, setup: Setup) -> tuple[np.ndarray, np.ndarray]:
+def moved(state: State, setup: Setup) -> tuple[np.ndarray, np.ndarray]:
     """(values, laws) of a hypothesis over a problem with other mechanisms; first values where new."""
     old, first = state.setup, np.asarray(setup.starts[0])[: len(setup.structure.slots)]
     value = carry(old.structure, setup.structure, state.values, first)
