@@ -16,7 +16,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,8 @@ Job = tuple[str, str, str]  # name, method, sealed hash
 
 class Run:
     """One run over some cases. ``way``: library or command; ``limit``: seconds for one answer; ``asked``: the options
-    that chose the cases, of each of the runs that are scored together."""
+    that chose the cases, of each of the runs that are scored together; ``earlier``: the ``results.json`` of runs whose
+    answers do not lie here, to be told with them."""
 
     def __init__(
         self,
@@ -52,11 +53,12 @@ class Run:
         methods: Sequence[str],
         limit: float,
         asked: Sequence[str] = (),
+        earlier: Mapping[str, Any] | None = None,
     ):
         self.cases, self.out, self.way, self.methods, self.limit = list(cases), out, way, list(methods), limit
         self.store = Store(out)
         self.sealed = {c.name: verify(out / "cases", c.name) for c in self.cases}
-        self.commit, self.asked = _commit(), list(asked)
+        self.commit, self.asked, self.earlier = _commit(), list(asked), earlier or {}
 
     def truth(self, name: str) -> dict[str, Any]:
         """What was concealed."""
@@ -130,12 +132,18 @@ class Run:
                         for f, row in answer.get("kept", {}).items()
                     }
                     errors[case.name] = worst(kept, truth) if kept else float("inf")
+        here = {s.name for s in found}
+        found += [Score.read(row) for row in self.earlier.get("cases", ()) if row["name"] not in here]
+        for method, errors in self.earlier.get("baselines", {}).items():
+            known = others.setdefault(method, {})
+            known |= {n: float("inf") if e is None else e for n, e in errors.items() if n not in known}
         return found, others
 
     def commits(self) -> str:
-        """Of the package, by which the answers that are there were given."""
+        """Of the package, by which the answers that are there were given, and the earlier ones."""
         answers = (self.store.read(c.name, "scpjax", self.sealed[c.name]) for c in self.cases)
-        return ", ".join(dict.fromkeys(a["commit"] for a in answers if a is not None)) or self.commit
+        earlier = [c for c in self.earlier.get("commit", "").split(", ") if c]
+        return ", ".join(dict.fromkeys([*earlier, *(a["commit"] for a in answers if a is not None)])) or self.commit
 
     def report(self, docs: Path | None) -> list[Score]:
         """Write ``results.json``, the page and its figures."""
@@ -143,7 +151,7 @@ class Run:
         content = {
             "schema": "scpjax.concealed/1",
             "commit": self.commits(),
-            "asked": self.asked,
+            "asked": self.options(),
             "written": time.strftime("%Y-%m-%d %H:%M"),
             "of": len(plan()),
             "goals": [
@@ -155,8 +163,14 @@ class Run:
         }
         write_whole(self.out / "results.json", content)
         for folder in filter(None, (self.out, docs)):
-            write_page(folder, found, others, commit=self.commits(), of=len(plan()), asked=self.asked, seen=seen())
+            write_page(folder, found, others, commit=self.commits(), of=len(plan()), asked=self.options(), seen=seen())
+        if docs is not None:
+            write_whole(docs / "concealed" / "results.json", content)
         return found
+
+    def options(self) -> list[str]:
+        """That chose the cases, of all runs."""
+        return list(dict.fromkeys([*self.earlier.get("asked", ()), *self.asked]))
 
 
 def _commit() -> str:
@@ -181,6 +195,12 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--retry", action="store_true", help="ask again where the answer was an error")
     parser.add_argument(
         "--score-only", action="store_true", help="score what is there; without a selection all of it, of several runs"
+    )
+    parser.add_argument(
+        "--add",
+        metavar="FILE",
+        type=Path,
+        help="results.json of runs elsewhere, as docs/concealed/results.json, told together with these",
     )
     given = parser.parse_args(argv)
     if not (given.all or given.cases or given.only or given.sort or given.seeds or given.unseen or given.subset):
@@ -224,8 +244,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     if not given.score_only:
         store.note(options)
     asked = store.notes() if given.score_only and given.all else [options]
+    earlier = json.loads(given.add.read_text(encoding="utf-8")) if given.add else None
     try:
-        run = Run(cases, given.out, way=given.way, methods=methods, limit=given.limit, asked=asked)
+        run = Run(cases, given.out, way=given.way, methods=methods, limit=given.limit, asked=asked, earlier=earlier)
     except BrokenSeal as error:
         print(error, file=sys.stderr)
         raise SystemExit(2) from None

@@ -24,6 +24,7 @@ MOST_EQUIVALENTS = 3
 GOOD: tuple[Outcome, ...] = ("right", "equivalent")
 HARMLESS: tuple[Outcome, ...] = ("right", "equivalent", "partly", "unnamed", "missed")
 Errors = Mapping[str, Mapping[str, float]]  # file: {column: rmse}
+_INFINITE = "inf"
 
 
 @dataclass(frozen=True)
@@ -54,8 +55,20 @@ class Score:
     error: str = ""
 
     def plain(self) -> dict[str, Any]:
-        """For JSON: no infinities."""
-        return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(self).items()}
+        """For JSON: what is no number is null, what is infinite a word."""
+
+        def written(v: Any) -> Any:
+            return v if not isinstance(v, float) or math.isfinite(v) else None if math.isnan(v) else _INFINITE
+
+        return {k: written(v) for k, v in asdict(self).items()}
+
+    @classmethod
+    def read(cls, plain: Mapping[str, Any]) -> Score:
+        """What `plain` wrote."""
+        numbers = {"misfit", "kept", "kept_base", "minutes"}
+        given = {k: float("nan" if v is None else v) if k in numbers else v for k, v in plain.items()}
+        pairs = {k: [(float(p), bool(right)) for p, right in plain[k]] for k in ("believed", "ranked")}
+        return cls(**{**given, **pairs})
 
 
 def score(truth: Mapping[str, Any], result: Mapping[str, Any]) -> Score:

@@ -14,7 +14,7 @@ from fits.concealed.cases import plan
 from fits.concealed.making import make
 from fits.concealed.page import write_page
 from fits.concealed.pool import Worker
-from fits.concealed.score import score
+from fits.concealed.score import Score, score
 from fits.concealed.seal import seal
 from fits.concealed.store import Store
 from fits.concealed.tally import calibration, confusion, goals
@@ -226,6 +226,32 @@ def test_runs_that_are_scored_together_are_told(case, tmp_path, monkeypatch):
     found = json.loads((tmp_path / "results.json").read_text())
     assert [c["name"] for c in found["cases"]] == [chosen.name]
     assert found["asked"] == [f"--only '{chosen.name}'", f"--only '{chosen.name}' --seeds {chosen.seed}"]
+
+
+def test_runs_elsewhere_are_told_with_these(case, tmp_path, monkeypatch):
+    """Their scores come from the file that they left; what was run here again counts as it went here."""
+    out, chosen = case
+    shutil.copytree(out / "cases", tmp_path / "cases")
+    monkeypatch.setattr(program, "generate", lambda *args, **others: None)
+    monkeypatch.setattr(Worker, "ask", lambda self, job: said() | {"kept": {}})
+    elsewhere = [
+        score(truth("creep", name="elsewhere"), said("creep") | {"kept": {"3_sweep": {"displacement_mm": math.inf}}})
+    ]
+    elsewhere.append(score(truth("slack", name=chosen.name), said("friction")))
+    left = {"commit": "abc, def", "asked": ["--all"], "cases": [s.plain() for s in elsewhere]}
+    left["baselines"] = {"narx": {"elsewhere": None}}
+    (tmp_path / "left.json").write_text(json.dumps(left))
+    docs = tmp_path / "docs"
+    where = ["--out", str(tmp_path), "--no-baselines", "--docs", str(docs), "--add", str(tmp_path / "left.json")]
+    program.main(["--only", chosen.name, *where])
+    found = json.loads((docs / "concealed" / "results.json").read_text())
+    assert {c["name"]: c["outcome"] for c in found["cases"]} == {chosen.name: "right", "elsewhere": "right"}
+    assert found["asked"] == ["--all", f"--only '{chosen.name}'"]
+    assert found["commit"].startswith("abc, def, ")
+    assert found["baselines"] == {"narx": {"elsewhere": None}}
+    again = [Score.read(row) for row in found["cases"]]
+    assert math.isinf(next(s.kept for s in again if s.name == "elsewhere"))
+    assert next(s for s in again if s.name == "elsewhere").plain() == elsewhere[0].plain()
 
 
 def test_answers_belong_to_a_truth(tmp_path):
