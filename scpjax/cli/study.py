@@ -139,4 +139,5 @@ def say_parameters(arguments: Namespace, parameters: dict[str, Estimate]) -> Non
     """A line for each: value ± standard error and the 95 % interval."""
     for key, e in parameters.items():
         value = f"{estimate(e.value, e.std, e.low, e.high, e.at_limit)} {unit(e.unit)}".strip()
-        say(arguments, f"  {key} = {value}   (95 %: {interval(e.low, e.high)})")
+        sure = "" if e.at_limit else f"   (95 %: {interval(e.low, e.high)})"
+        say(arguments, f"  {key} = {value}{sure}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from scpjax.abreast import abreast
 from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, are_equal, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
@@ -78,10 +79,9 @@ def _each_exchanged(
         found: dict[str, State] = {name: state}
         far = _is_far(state, split)
         others = in_its_place(name, bare, choice.ranking, split, rules, catalogue, far=far)
-        for other in ([name] if far else []) + [o for o in others if (name, o) not in hopeless]:
-            fitted = next(iter(by_law(bare, other, split).values()), None)
-            after = None if fitted is None else afresh(fitted, split)
-            if after is None or after.cost > _HOPELESS * state.cost:  # None where every fit blew up
+        tried = ([name] if far else []) + [o for o in others if (name, o) not in hopeless]
+        for other, after in zip(tried, abreast(lambda o, bare=bare: _beside(bare, o, split), tried), strict=True):
+            if after is None or after.cost > _HOPELESS * state.cost:
                 hopeless.add((name, other))
                 continue
             if not (is_better(after, state, split, rules) or (other != name and alike(after, state))):
@@ -96,6 +96,12 @@ def _each_exchanged(
         equal = [o for o, s in found.items() if o != best and alike(s, found[best])]
         choice = _with(choice, found[best], name, best, equal)
     return choice
+
+
+def _beside(bare: State, other: str, split: Split) -> State | None:
+    """The other names with one more, fitted afresh; None where every fit blew up."""
+    fitted = next(iter(by_law(bare, other, split).values()), None)
+    return None if fitted is None else afresh(fitted, split)
 
 
 def _is_far(state: State, split: Split) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import expit
 
+from scpjax.abreast import abreast
 from scpjax.diagnose.evidence import Comparison, Evidence, ahead, compare, equals, is_better, probabilities, worthwhile
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
@@ -307,8 +308,10 @@ def prune(state: State, split: Split, rules: Evidence) -> State:
     """Take out what is not missed: what a later mechanism has made superfluous, and the last one where it only led the
     others to a better fit.
     """
-    for name in state.names:
-        fewer = without(state, name, split)
+    whole = state
+    bare = dict(zip(whole.names, abreast(lambda name: without(whole, name, split), whole.names), strict=True))
+    for name in whole.names:
+        fewer = bare[name] if state is whole else without(state, name, split)
         m = state.setup.structure.mechanism(name)
         extra = len(m.free_parameters(m.laws.index(state.laws[name])))
         if not compare(fewer, state, name, "", split, rules, extra).accepted:

@@ -46,10 +46,12 @@ def estimate(value: float, std: float, low: float, high: float, at_limit: bool =
     return plus_minus(value, std)
 
 
-def interval(low: float, high: float) -> str:
-    """``[4.0, 4.4]``, with digits enough to tell the ends apart."""
+def interval(low: float, high: float, at_limit: bool = False) -> str:
+    """``4.0 to 4.4``, with digits enough to tell the ends apart; none of what stands at a limit, where the data would
+    go on.
+    """
     width = abs(high - low)
-    if width < 2 * _STUCK * max(abs(low), abs(high)):
+    if at_limit or width < 2 * _STUCK * max(abs(low), abs(high)):
         return "–"
     digits = 3
     if math.isfinite(width) and width > 0:

@@ -105,7 +105,7 @@ def row(key: str, e: Estimate) -> tuple[str, str, str, str, str]:
         words + side,
         e.symbol,
         estimate(e.value, e.std, e.low, e.high, e.at_limit),
-        interval(e.low, e.high),
+        interval(e.low, e.high, e.at_limit),
         unit(e.unit),
     )
 

@@ -7,6 +7,7 @@ is, both methods are exact for an effort that is constant over the step, and the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -31,14 +32,13 @@ def phi_functions(a: Float[Array, "n n"]) -> tuple[Array, Array, Array, Array]:
     count = jnp.ceil(jnp.log2(jnp.maximum(norm, 1e-30) / 0.5))
     count = jnp.clip(count, 0, _SQUARINGS)
     x, eye = a / 2.0**count, jnp.eye(n, dtype=a.dtype)
-    p3 = jnp.zeros_like(a)
-    factorial = [1.0]
-    for j in range(1, _TERMS + 4):
-        factorial.append(factorial[-1] * j)
-    for j in reversed(range(_TERMS)):
-        p3 = eye / factorial[j + 3] + x @ p3
-    p2 = eye / 2.0 + x @ p3
-    p1 = eye + x @ p2
+
+    def horner(ps: Any, term: Array) -> tuple[Any, None]:
+        return (term * eye + x @ ps[0], *ps[:2]), None
+
+    # the last three of Horner's scheme for phi_1 are phi_3, phi_2 and phi_1
+    terms = jnp.asarray([1.0 / math.factorial(j) for j in range(_TERMS + 2, 0, -1)], a.dtype)
+    (p1, p2, p3), _ = jax.lax.scan(horner, (jnp.zeros_like(a),) * 3, terms)
 
     def body(ps: Any, i: Array) -> tuple[Any, None]:
         return tuple(jnp.where(i < count, d, p) for d, p in zip(_double(ps), ps, strict=True)), None

@@ -47,6 +47,7 @@ def test_a_hole_in_a_long_signal_stays_a_hole():
         (estimate(-0.1, 0.2, -0.5, 0.3), "−0.10 ± 0.20"),
         (interval(3.85e-3, 4.01e-3), "0.00385 to 0.00401"),
         (interval(1.00001, 1.00002), "1.000010 to 1.000020"),
+        (interval(0.8999989, 0.9000007, True), "–"),
         (percent(1.0), "> 99 %"),
         (percent(0.001), "< 1 %"),
         (percent(0.0), "0 %"),
