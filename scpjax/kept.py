@@ -39,6 +39,7 @@ _KNOWN = frozenset({"scpjax", *_BELOW, *sys.stdlib_module_names})
 _DAYS = 30.0  # that programs of another version are kept for
 _folder: Path | None = None
 _loaded: dict[Any, _Run | None] = {}
+_UNKNOWN: Any = object()
 _one_at_a_time = threading.Lock()  # for what is loaded or traced
 
 
@@ -63,10 +64,12 @@ def kept(function: Callable[..., Any], args: tuple[Any, ...], options: Callable[
     key = key_of(function, args)
     if key is None:
         return None
+    if (found := _loaded.get(key, _UNKNOWN)) is not _UNKNOWN:  # without waiting for what another thread traces
+        return found
     with _one_at_a_time:
-        if key not in _loaded:
-            _loaded[key] = _prepared(function, args, options, _folder)
-        return _loaded[key]
+        if (found := _loaded.get(key, _UNKNOWN)) is _UNKNOWN:
+            _loaded[key] = found = _prepared(function, args, options, _folder)
+        return found
 
 
 def key_of(function: Callable[..., Any], args: tuple[Any, ...]) -> Hashable | None:
