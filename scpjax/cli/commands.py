@@ -121,7 +121,24 @@ def _diagnose(places: Any) -> None:
     )
     _mechanism(parser)
     _roles(parser)
+    parser.add_argument(
+        "--minutes",
+        metavar="M",
+        type=_minutes,
+        default=10.0,
+        help="after which no other names are sought where none has reached the noise (default: 10)",
+    )
     _next(parser)
+
+
+def _minutes(word: str) -> float:
+    try:
+        minutes = float(word)
+    except ValueError:
+        minutes = 0.0
+    if not minutes > 0:
+        raise argparse.ArgumentTypeError(f"{word!r} is no positive number of minutes (inf: however long)")
+    return minutes
 
 
 def _mechanism(parser: argparse.ArgumentParser) -> None:

@@ -75,7 +75,8 @@ def run_diagnose(arguments: Namespace) -> None:
 
         for file in read.mechanisms:
             use(file)
-    diagnose_into(arguments, recordings, out, model=model, limits=limits, before=before, read=read)
+    patience = 60.0 * arguments.minutes
+    diagnose_into(arguments, recordings, out, model=model, limits=limits, before=before, read=read, patience=patience)
 
 
 def diagnose_into(
@@ -87,13 +88,16 @@ def diagnose_into(
     limits: Limits | None = None,
     before: Earlier | None = None,
     read: Read | None = None,
+    patience: float = math.inf,
 ) -> None:
     """Diagnose, write the folder and say what was found; ``before`` is the diagnosis that this one adds to."""
     from scpjax.diagnose.diagnose import DiagnoseOptions, diagnose
     from scpjax.report.report import command_line, write_diagnosis
 
     with progress(arguments) as show:
-        found = diagnose(recordings, model=model, options=DiagnoseOptions(next=limits), progress=show)
+        found = diagnose(
+            recordings, model=model, options=DiagnoseOptions(next=limits, patience=patience), progress=show
+        )
         changes = [] if before is None else probability_changes(before, found)
         settings = {**found.settings, **({} if read is None else {"read": read.to_json()})}
         found = dataclasses.replace(found, notes=found.notes + tuple(changes), settings=settings)

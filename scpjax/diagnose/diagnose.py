@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,6 +26,7 @@ from scpjax.diagnose.outside import (
     level,
     nothing_explains,
 )
+from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.profiles import Limits
 from scpjax.diagnose.result import Diagnosis
 from scpjax.diagnose.rhythm import rhythm, ripple
@@ -49,7 +51,9 @@ from scpjax.recordings.recording import Recording
 @dataclass(frozen=True, kw_only=True)
 class DiagnoseOptions:
     """``evidence``: what it takes to be named. ``order``, ``substeps``, ``bin`` of the simulation as of a fit.
-    ``next``: limits within which an experiment is designed that separates what is left close (None: none is)."""
+    ``next``: limits within which an experiment is designed that separates what is left close (None: none is).
+    ``patience``: seconds after which no other explanation is sought where none has reached the noise; what is left to
+    be done then may take some minutes."""
 
     evidence: Evidence = field(default_factory=Evidence)
     order: int = 2
@@ -57,6 +61,7 @@ class DiagnoseOptions:
     bin: int | None = None
     max_steps: int = 40
     next: Limits | None = None
+    patience: float = math.inf
 
 
 def diagnose(
@@ -76,7 +81,7 @@ def diagnose(
     **Raises** `FitError`, `RecordingError` for recordings that cannot be fitted.
     """
     options = options or DiagnoseOptions()
-    began = time.monotonic()
+    began, patience = time.monotonic(), Patience(options.patience)
     tell = progress or (lambda text, fraction: None)
     tell("reading the recordings for a start", 0.0)
     setup = prepare(
@@ -86,7 +91,8 @@ def diagnose(
     catalogue = grown(setup, *candidates)
     tell("fitting the base model", 0.05)
     parts, base, notes = _base(setup)
-    parts, base, choice, learned, notes = _chosen(parts, base, catalogue, options, tell, notes)
+    parts, base, choice, learned, notes = _chosen(parts, base, catalogue, options, patience, tell, notes)
+    notes += patience.notes()
     binned = observe(setup, parts.whole, base.trial, base.residual)
     misfit = Misfit(setup, parts.whole, base.trial, binned)
     lacking = missing(misfit)
@@ -134,7 +140,13 @@ def _base(setup: Setup) -> tuple[Split, State, tuple[str, ...]]:
 
 
 def _chosen(
-    parts: Split, base: State, catalogue: Setup, options: DiagnoseOptions, tell: Progress, notes: tuple[str, ...]
+    parts: Split,
+    base: State,
+    catalogue: Setup,
+    options: DiagnoseOptions,
+    patience: Patience,
+    tell: Progress,
+    notes: tuple[str, ...],
 ) -> tuple[Split, State, Choice, Curve | None, tuple[str, ...]]:
     """What is named, the curve where it goes by one, and the notes; the data with jumps inside gaps timed by the better
     model, and the base on them.
@@ -144,7 +156,14 @@ def _chosen(
     if base.setup.structure.system:
         choice = choose_together(base, parts, options.evidence, catalogue, progress=tell)
         return *_settled(parts, base, choice, options.evidence), None, notes
-    search = partial(choose, rules=options.evidence, catalogue=catalogue, max_steps=options.max_steps, progress=tell)
+    search = partial(
+        choose,
+        rules=options.evidence,
+        catalogue=catalogue,
+        max_steps=options.max_steps,
+        progress=tell,
+        patience=patience,
+    )
     free: Free | None = None
 
     def by_curve(rival: State) -> bool:
@@ -173,7 +192,7 @@ def _chosen(
     if free is not None:
         return parts, base, free.choice(base, choice), free.curve, notes
     tell("each name against what could stand in its place", 0.7)
-    choice = exchanged(choice, base, parts, options.evidence, catalogue)
+    choice = exchanged(choice, base, parts, options.evidence, catalogue, patience)
     parts, base, choice = _settled(parts, base, choice, options.evidence)
     free = one_for_several(base, choice, parts, options.evidence)
     if free is None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from scpjax.abreast import abreast
 from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, are_equal, is_better
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.screen import screen
@@ -22,21 +23,25 @@ _HOPELESS = 4.0  # sum of squares, in units of that of what it should replace, f
 _PROMISE = 0.3  # of what the name promises beside the others, which one that is tried must promise at least
 
 
-def exchanged(choice: Choice, base: State, split: Split, rules: Evidence, catalogue: Setup) -> Choice:
+def exchanged(
+    choice: Choice, base: State, split: Split, rules: Evidence, catalogue: Setup, patience: Patience | None = None
+) -> Choice:
     """The choice with names in whose place another does better beside the rest, and as equivalents those that do as
-    well; nothing for a single name, which its own round has compared.
+    well; nothing for a single name, which its own round has compared. Away from the noise no name is asked for out of
+    ``patience``.
 
     Away from the noise every name is asked for its law again first, where all stand and beside the rest without it, and
     once more where that has changed.
     """
     if len(choice.state.names) < 2:
         return choice
-    choice = replace(choice, state=_laws_again(choice.state, split, rules))
+    patience = patience or Patience()
+    choice = replace(choice, state=_laws_again(choice.state, split, rules, patience))
     first = choice.state.names[0]
     hopeless: set[tuple[str, str]] = set()
     for _ in range(_PASSES):
         laws = choice.state.laws
-        choice = _each_exchanged(choice, base, split, rules, catalogue, hopeless)
+        choice = _each_exchanged(choice, base, split, rules, catalogue, hopeless, patience)
         if choice.state.laws == laws or not _is_far(choice.state, split):
             break
     if first in choice.state.names[1:]:
@@ -44,14 +49,14 @@ def exchanged(choice: Choice, base: State, split: Split, rules: Evidence, catalo
     return choice
 
 
-def _laws_again(state: State, split: Split, rules: Evidence) -> State:
+def _laws_again(state: State, split: Split, rules: Evidence, patience: Patience) -> State:
     """Every name under the law that does best beside the others, from where they stand, as long as that is away from
     the noise and something changes.
     """
     for _ in range(_PASSES):
         before = state
         for name in state.names:
-            if not _is_far(state, split):
+            if not _is_far(state, split) or patience.over():
                 return state
             other = under_every_law(state, name, split)
             if is_better(other, state, split, rules):
@@ -62,7 +67,13 @@ def _laws_again(state: State, split: Split, rules: Evidence) -> State:
 
 
 def _each_exchanged(
-    choice: Choice, base: State, split: Split, rules: Evidence, catalogue: Setup, hopeless: set[tuple[str, str]]
+    choice: Choice,
+    base: State,
+    split: Split,
+    rules: Evidence,
+    catalogue: Setup,
+    hopeless: set[tuple[str, str]],
+    patience: Patience,
 ) -> Choice:
     """Every name exchanged in turn; ``hopeless`` collects what did so badly in whose place that it is tried no more."""
 
@@ -75,9 +86,11 @@ def _each_exchanged(
             break
         if name not in state.names:
             continue
+        far = _is_far(state, split)
+        if far and patience.over():
+            break
         bare = without(state, name, split)
         found: dict[str, State] = {name: state}
-        far = _is_far(state, split)
         others = in_its_place(name, bare, choice.ranking, split, rules, catalogue, far=far)
         tried = ([name] if far else []) + [o for o in others if (name, o) not in hopeless]
         for other, after in zip(tried, abreast(lambda o, bare=bare: _beside(bare, o, split), tried), strict=True):

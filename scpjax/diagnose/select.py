@@ -11,6 +11,7 @@ from scipy.special import expit
 from scpjax.abreast import abreast
 from scpjax.diagnose.evidence import Comparison, Evidence, ahead, compare, equals, is_better, probabilities, worthwhile
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.screen import fit_promising, fresh, screen
 from scpjax.diagnose.trials import (
@@ -138,6 +139,7 @@ class _Search:
     rules: Evidence
     catalogue: Setup
     max_steps: int
+    patience: Patience
 
 
 @dataclass(frozen=True)
@@ -160,15 +162,16 @@ def choose(
     max_steps: int = 40,
     progress: Progress | None = None,
     enough: Callable[[State], bool] | None = None,
+    patience: Patience | None = None,
 ) -> Choice:
     """Forward selection with pruning, from the base hypothesis; ``catalogue`` is the problem with every candidate.
-    ``enough(first)`` says whether to end with the first name.
+    ``enough(first)`` says whether to end with the first name; no further round or way is begun out of ``patience``.
 
     Where two mechanisms are close and neither reaches the noise, both ways are gone one round further. Where the way
     ends away from the noise, others that had evidence in the first round are gone too: one mechanism that imitates two
     can be ahead of both.
     """
-    search = _Search(base, split, rules, catalogue, max_steps)
+    search = _Search(base, split, rules, catalogue, max_steps, patience or Patience())
 
     def tell(text: str, round_: int) -> None:
         if progress:
@@ -178,6 +181,8 @@ def choose(
     rounds: list[list[_Tried]] = []
     leaders: list[_Branch] = []
     for round_ in range(1, rules.most + 1):
+        if leaders and search.patience.over():
+            break
         tell("every mechanism", round_)
         rounds.append([_tried(search, way, round_, tell) for way in branches])
         further = [b for found in rounds[-1] for b in _one_more(search, found)]
@@ -278,6 +283,8 @@ def _by_another_way(
     split, rules = search.split, search.rules
     leader = leaders[-1]
     for c in [c for c in first.accepted if c.added not in leaders[0].state.names][:_OTHERS]:
+        if search.patience.over():
+            break
         way = _named(search, first, c)
         for round_ in range(2, rules.most + 1):
             (way,) = _one_more(search, _tried(search, way, round_, tell), ways=1)

@@ -124,6 +124,8 @@ CALLS: list[tuple[str, str, tuple[str, ...]]] = [
         "simulate --model aaa --input good.csv --out OUT.csv",
         ("agonist", "voltage_agonist_V"),
     ),
+    ("no time at all", "diagnose good.csv --out OUT --minutes 0", ("--minutes", "'0'", "positive")),
+    ("no number of minutes", "diagnose good.csv --out OUT --minutes soon", ("--minutes", "'soon'", "positive")),
     ("loud and quiet", "fit good.csv --out OUT --quiet --progress", ("not allowed with",)),
 ]
 

@@ -9,6 +9,7 @@ from diagnose.heated import LOSS, base_of, recorded
 from scpjax.diagnose import exchange
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.exchange import accepted_beside, exchanged, in_its_place
+from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import added
 from scpjax.diagnose.select import Choice
@@ -71,6 +72,19 @@ def swaps(monkeypatch):
     monkeypatch.setattr(exchange, "is_better", lambda a, b, *_: a.cost < b.cost)
     monkeypatch.setattr(exchange, "are_equal", lambda a, b, *_: abs(a.cost - b.cost) < 5.0)
     return SimpleNamespace(costs=costs, promise=promise, tried=tried, fresh=fresh)
+
+
+def test_out_of_patience_only_names_at_the_noise_are_exchanged(swaps, monkeypatch):
+    choice, patience = chosen(("a", "e"), 100.0), Patience(0.0)
+    exchanged(choice, None, None, Evidence(), CATALOGUE, patience)  # type: ignore[arg-type]
+    assert swaps.tried
+    assert not patience.ended
+    monkeypatch.setattr(exchange, "at_noise", lambda *_: False)
+    swaps.tried.clear()
+    found = exchanged(choice, None, None, Evidence(), CATALOGUE, patience)  # type: ignore[arg-type]
+    assert swaps.tried == []
+    assert found.state is choice.state
+    assert patience.ended
 
 
 def test_away_from_the_noise_names_are_asked_for_their_laws_again(swaps, monkeypatch):

@@ -8,6 +8,7 @@ import pytest
 
 from scpjax.diagnose import evidence, outside, screen, select
 from scpjax.diagnose.evidence import Comparison, Evidence
+from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.select import Choice
 
 
@@ -59,6 +60,27 @@ def test_where_two_are_close_the_next_round_decides(monkeypatch):
     asked = played(monkeypatch, {"a": 500.0, "b": 510.0, "ac": 300.0, "bc": 1.0})
     assert chosen() == {"b", "c"}
     assert set(asked) == {(), ("a",), ("b",)}
+
+
+def test_out_of_patience_no_further_round_or_way_is_begun(monkeypatch):
+    """What the first round found is told; at the noise nothing was left, and nothing is said."""
+    asked = played(monkeypatch, {"a": 500.0, "b": 510.0, "ac": 300.0, "bc": 1.0})
+    patience = Patience(0.0)
+    found = select.choose(Played((), 1000.0), None, Evidence(), None, patience=patience)  # type: ignore[arg-type]
+    assert (found.state.names, asked) == (("a",), [()])
+    assert "--minutes" in patience.notes()[0]
+    played(monkeypatch, {"a": 1.0})
+    patience = Patience(0.0)
+    select.choose(Played((), 1000.0), None, Evidence(), None, patience=patience)  # type: ignore[arg-type]
+    assert patience.notes() == ()
+
+
+def test_patience_ends_when_it_is_over():
+    now, later = Patience(0.0), Patience(3600.0)
+    assert now.over()
+    assert not later.over()
+    assert not Patience().over()
+    assert later.notes() == ()
 
 
 def test_where_one_is_far_ahead_only_it_is_followed(monkeypatch):
@@ -243,6 +265,7 @@ def fitted(monkeypatch, taken, abreast, *, near, names=()):
     start = SimpleNamespace(law=0, laws=None)
     monkeypatch.setattr(screen, "starts_with", lambda *_: [start])
     monkeypatch.setattr(screen, "_best_starts", lambda promise: [start])
+    monkeypatch.setattr(screen, "_compiled", lambda *_: None)
     for name in ("_transfer", "from_their_starts", "trial_at"):
         monkeypatch.setattr(screen, name, lambda *_: [None])
     monkeypatch.setattr(screen, "solve_all", lambda *_, **__: ([], np.array([10_100.0 - taken * 10_000.0]), None))
