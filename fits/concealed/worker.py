@@ -16,16 +16,17 @@ from pathlib import Path
 from typing import Any, TextIO
 
 ANSWER = "@answer "
+PATIENCE = 600.0  # s, what the command line has where it is not told otherwise
 Errors = dict[str, dict[str, float]]
 
 
 def diagnose_by_library(job: dict[str, Any]) -> dict[str, Any]:
     """``diagnose`` on the given files, ``predict`` on the kept ones with the extended and with the base model."""
-    from scpjax.diagnose.diagnose import diagnose
+    from scpjax.diagnose.diagnose import DiagnoseOptions, diagnose
     from scpjax.recordings.files import read_recording
 
     began = time.monotonic()
-    found = diagnose([read_recording(f) for f in job["given"]])
+    found = diagnose([read_recording(f) for f in job["given"]], options=DiagnoseOptions(patience=PATIENCE))
     seconds = time.monotonic() - began
     kept: Errors = {}
     base: Errors = {}
