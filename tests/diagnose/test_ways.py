@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from scpjax.diagnose import evidence, outside, screen, select
+from scpjax.diagnose import candidates, evidence, outside, screen, select
 from scpjax.diagnose.evidence import Comparison, Evidence
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.select import Choice
@@ -184,15 +184,15 @@ def test_fits_that_are_close_are_fitted_afresh(monkeypatch, second, asked):
         return SimpleNamespace(cost=90.0 if state.cost == 105.0 else 101.0)
 
     begun: list[float] = []
-    monkeypatch.setattr(select, "afresh", afresh)
-    monkeypatch.setattr(select, "at_noise", lambda state, *_: second == 105.0)
+    monkeypatch.setattr(candidates, "afresh", afresh)
+    monkeypatch.setattr(candidates, "at_noise", lambda state, *_: second == 105.0)
     fitted = {"a": {0: fit(100.0), 1: fit(300.0)}, "b": {0: fit(second)}}
-    found = select.contested(fit(110.0), fitted, None)  # type: ignore[arg-type]
+    found = candidates.contested(fit(110.0), fitted, None)  # type: ignore[arg-type]
     assert set(begun) == asked
     assert found["a"][0].cost == 100.0
     assert found["a"][1].cost == 300.0
     assert found["b"][0].cost == (90.0 if asked else second)
-    assert select.contested(fit(110.0), {}, None) == {}  # type: ignore[arg-type]
+    assert candidates.contested(fit(110.0), {}, None) == {}  # type: ignore[arg-type]
 
 
 def test_the_closest_law_of_what_gains_much_is_fitted_afresh(monkeypatch):
@@ -202,16 +202,18 @@ def test_the_closest_law_of_what_gains_much_is_fitted_afresh(monkeypatch):
     def fit(cost):
         return SimpleNamespace(cost=cost)
 
-    monkeypatch.setattr(select, "at_noise", lambda *_: False)
-    monkeypatch.setattr(select, "afresh", lambda state, split, own: fit(80.0 if state.cost == 300.0 else state.cost))
+    monkeypatch.setattr(candidates, "at_noise", lambda *_: False)
+    monkeypatch.setattr(
+        candidates, "afresh", lambda state, split, own: fit(80.0 if state.cost == 300.0 else state.cost)
+    )
     fitted = {"a": {0: fit(100.0)}, "b": {0: fit(700.0), 1: fit(300.0)}, "c": {0: fit(700.0)}}
-    found = select.contested(fit(1000.0), fitted, None)  # type: ignore[arg-type]
+    found = candidates.contested(fit(1000.0), fitted, None)  # type: ignore[arg-type]
     assert found["b"][1].cost == 80.0
     assert (found["a"][0].cost, found["b"][0].cost, found["c"][0].cost) == (100.0, 700.0, 700.0)
     asked: list[float] = []
-    monkeypatch.setattr(select, "afresh", lambda state, split, own: asked.append(state.cost))
+    monkeypatch.setattr(candidates, "afresh", lambda state, split, own: asked.append(state.cost))
     alone = {"a": {0: fit(100.0), 1: fit(300.0)}, "c": {0: fit(700.0)}}
-    assert select.contested(fit(1000.0), alone, None) == alone  # type: ignore[arg-type]
+    assert candidates.contested(fit(1000.0), alone, None) == alone  # type: ignore[arg-type]
     assert asked == []
 
 
@@ -312,9 +314,9 @@ def test_a_base_that_leaves_little_has_not_been_bent(monkeypatch, square, looked
     """Mechanisms are tried from the parameters first suggested only where much is left that a bent base could hide."""
     asked = []
     nothing = SimpleNamespace(structure=SimpleNamespace(mechanisms=[]))
-    monkeypatch.setattr(select, "misfit", lambda *_: np.array([1.0, square]))
-    monkeypatch.setattr(select, "screen", lambda *_: [])
-    monkeypatch.setattr(select, "fresh", lambda *_: asked.append(True))
-    monkeypatch.setattr(select, "fit_promising", lambda *_: {})
-    assert select.try_all(None, None, Evidence(), nothing, max_steps=1, tell=print) == []  # type: ignore[arg-type]
+    monkeypatch.setattr(candidates, "misfit", lambda *_: np.array([1.0, square]))
+    monkeypatch.setattr(candidates, "screen", lambda *_: [])
+    monkeypatch.setattr(candidates, "fresh", lambda *_: asked.append(True))
+    monkeypatch.setattr(candidates, "fit_promising", lambda *_: {})
+    assert candidates.try_all(None, None, Evidence(), nothing, max_steps=1, tell=print) == []  # type: ignore[arg-type]
     assert bool(asked) == looked
