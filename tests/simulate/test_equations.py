@@ -31,6 +31,8 @@ def convection(law):
 
 
 def two_nodes(law):
+    if law == 4:
+        return layers()
     share, tau, slow, ratio = 0.4, 0.3, 0.3 if law == 3 else 0.0, 7.0
     between = share * (1 - share) * C_TH / tau
 
@@ -42,6 +44,21 @@ def two_nodes(law):
         second = (quickly - loss2) / ((1 - slow) * share * C_TH)
         third = between / (share * C_TH) / ratio * (t - t3)
         return [first, *mechanics(x, v, t if law >= 2 else t2, K * x), second, third]
+
+    return rates, (*START, WARM, WARM)
+
+
+def layers():
+    """A skin and two cells of a slab: half a cell from the skin to the first middle, a whole one to the next."""
+    share, tau = 0.4, 0.3
+    per_slab = 3 / 8 * share * (1 - share) * C_TH / tau  # W/K over the whole thickness
+
+    def rates(_t, z, u):
+        t, x, v, t2, t3 = z
+        into, onward = 4 * per_slab * (t - t2), 2 * per_slab * (t2 - t3)
+        first = (u / R - LAM * t - into) / ((1 - share) * C_TH)
+        cell = share * C_TH / 2
+        return [first, *mechanics(x, v, (t2 + t3) / 2, K * x), (into - onward) / cell, onward / cell]
 
     return rates, (*START, WARM, WARM)
 

@@ -13,6 +13,7 @@ from scpjax.fit.guess import Scales
 from scpjax.fit.space import null_values
 from scpjax.physics import presets
 from scpjax.physics.catalogue import NEEDS, applicable, catalogue, left_out
+from scpjax.physics.mechanism import Values, View
 from scpjax.physics.model import Model
 from scpjax.simulate.simulate import Adaptive, Exponential, energy_balance, simulate
 
@@ -302,3 +303,36 @@ def test_plays_of_temperature_are_moved_by_the_heated_node_beside_a_second_one()
     rates = np.asarray(model.rates(z, jnp.asarray([4.0])))
     assert rates[at["temperature"]] != 0
     np.testing.assert_allclose(rates[at["hysteresis.internal_stretch"]] * 0.2 * 30.0, rates[at["temperature"]])
+
+
+def test_two_layers_are_nearer_to_a_slab_than_one_core():
+    """Behind a skin warmed at once, but for the first instants; the slab by Fourier's series. All are as far behind one
+    that warms steadily, which is how their time constant is defined."""
+    m = catalogue()["two_node_thermal"]
+    share, tau = 0.4, 0.3
+    behind = tau / (1 - share)  # s, L^2 / (3 diffusivity): how far the mean of a slab is behind a steady rise
+
+    def matrix(law):
+        values = {"share": share, "time_constant": tau, "slow_part": 0.5, "slow_ratio": 6.0, "law": float(law)}
+        shared = {"conductance": jnp.asarray(LAM), "thermal_mass": jnp.asarray(C_TH)}
+        view = lambda skin, own: View(skin, skin, skin, skin, skin, own=tuple(own), shared=shared)  # noqa: E731
+        rates = lambda skin, own: jnp.stack(m.rates(Values(values), view(skin, own)))  # noqa: E731
+        at = jnp.zeros(()), jnp.zeros(2)
+        return np.asarray(jax.jacobian(rates, 1)(*at)), np.asarray(jax.jacobian(rates, 0)(*at))
+
+    time = np.linspace(0.0, 10 * behind, 2000)
+    n = 2 * np.arange(200)[:, None] + 1
+    slab = 1 - np.sum(8 / (np.pi * n) ** 2 * np.exp(-((n * np.pi / 2) ** 2) * time / (3 * behind)), axis=0)
+
+    def warmed(law, weights):
+        a, b = matrix(law)
+        rest = -np.linalg.solve(a, b)
+        return np.array([weights @ (rest - scipy.linalg.expm(a * t) @ rest) for t in time]), rest
+
+    core, _ = warmed(0, np.array([1.0, 0.0]))
+    layers, rest = warmed(4, np.array([0.5, 0.5]))
+    np.testing.assert_allclose(rest, 1.0, rtol=1e-12)
+    off = [float(np.sqrt(np.mean((y - slab)[time > behind / 4] ** 2))) for y in (layers, core)]
+    assert off[0] < 0.4 * off[1]
+    late = [np.trapezoid(1 - y, time) for y in (core, layers, slab)]
+    np.testing.assert_allclose(late, behind, rtol=5e-3)

@@ -18,16 +18,19 @@ class TwoNodeThermal(Mechanism):
         "(1-f) C_th dT/dt = P - lambda T - g (T - T_2),  f C_th dT_2/dt = g (T - T_2),  g = f (1-f) C_th / tau; "
         "law core: T is felt, T_2 pulls; law wire: T_2 loses the heat, is felt and pulls; "
         "law store: T is felt and pulls; "
-        "law two stores: as store, but q of f C_th goes into T_3, with r tau in the place of tau"
+        "law two stores: as store, but q of f C_th goes into T_3, with r tau in the place of tau; "
+        "law layers: as core, but f C_th is two layers behind one another, 3/2 g to T_2 and from there 3/4 g to T_3, "
+        "and their mean pulls"
     )
     source = (
         "lumped two-node conduction: Incropera ch. 5; wire and polymer: thesis 3.3.5; stores side by side, of "
-        "several time constants: thermal networks as of JEDEC JESD51-14 (2010)"
+        "several time constants: thermal networks as of JEDEC JESD51-14 (2010); layers: conduction into a slab by "
+        "two finite volumes, Patankar (1980) ch. 4, whose mean is behind a steadily warming skin as T_2 of law core is"
     )
     says = "The heated part warms first and the rest follows: the actuator is not at one temperature."
     needs = ("thermal",)
     excited_by = "voltage steps, with temperature and displacement recorded together"
-    laws = ("core", "wire", "store", "two stores")
+    laws = ("core", "wire", "store", "two stores", "layers")
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {"slow_part": (3,), "slow_ratio": (3,)}
     states = ("second_temperature", "third_temperature")
     parameters = (
@@ -35,7 +38,7 @@ class TwoNodeThermal(Mechanism):
             name="share",
             symbol="f",
             unit="1",
-            description="share of the thermal mass in the second node (law two stores: in both stores)",
+            description="share of the thermal mass in the second node (laws two stores, layers: in both together)",
             typical=0.5,
             bounds=(0.02, 0.98),
             null=0.5,
@@ -80,14 +83,18 @@ class TwoNodeThermal(Mechanism):
     def _held(self, p: Values, view: View) -> tuple[Side, Side]:
         """Thermal masses of the second and the third node."""
         both = jnp.where(p.time_constant > SHORTEST, p.share * view.shared["thermal_mass"], 0.0)
-        slow = jnp.where(p.law == 3, p.slow_part, 0.0)
+        slow = jnp.where(p.law == 3, p.slow_part, jnp.where(p.law == 4, 0.5, 0.0))
         return both * (1 - slow), both * slow
 
     def _nearing(self, p: Values, view: View) -> tuple[Side, Side]:
-        """What the second and the third node warm [K/s] for coming to the first one's temperature."""
+        """What the second and the third node warm [K/s] for coming to the temperature of the first one, or layer."""
         tau = jnp.maximum(p.time_constant, SHORTEST) / (1 - p.share)
-        apart = tuple(jnp.where(p.time_constant > SHORTEST, view.temperature - t, 0.0) for t in view.own)
-        return apart[0] / tau, apart[1] / (p.slow_ratio * tau)
+        second, third = (jnp.where(p.time_constant > SHORTEST, view.temperature - t, 0.0) / tau for t in view.own)
+        layers, onward = p.law == 4, 1.5 * (third - second)
+        return (
+            jnp.where(layers, 3.0 * second - onward, second),
+            jnp.where(layers, onward, third / p.slow_ratio),
+        )
 
     def thermal_mass(self, p: Values, mass: Side) -> Side:
         return mass * jnp.where(p.time_constant > SHORTEST, 1 - p.share, 1.0)
@@ -117,8 +124,8 @@ class TwoNodeThermal(Mechanism):
         return (view.temperature, view.temperature)
 
     def actuating_temperature(self, p: Values, view: View, temperature: Side) -> Side:
-        second = (p.law < 2) & (p.time_constant > SHORTEST)
-        return jnp.where(second, view.own[0], temperature)
+        inner = jnp.where(p.law == 4, 0.5 * (view.own[0] + view.own[1]), view.own[0])
+        return jnp.where(((p.law < 2) | (p.law == 4)) & (p.time_constant > SHORTEST), inner, temperature)
 
     def felt_temperature(self, p: Values, view: View, temperature: Side) -> Side:
         felt = (p.law == 1) & (p.time_constant > SHORTEST)
