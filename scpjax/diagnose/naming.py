@@ -1,0 +1,162 @@
+"""What is named: the search over the catalogue, the data mended beside what it finds, and curves that are one name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scpjax.diagnose.curve import Curve
+from scpjax.diagnose.evidence import Evidence
+from scpjax.diagnose.exchange import exchanged
+from scpjax.diagnose.free import Free, free_law, one_for_several
+from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.outside import AT_NOISE, level
+from scpjax.diagnose.patience import Patience
+from scpjax.diagnose.select import Choice, Progress, choose, prune
+from scpjax.diagnose.together import choose_together
+from scpjax.diagnose.trials import State, residual_on
+from scpjax.fit.data import Data
+from scpjax.fit.fit import outliers, refine, settle
+from scpjax.fit.problem import Trial
+from scpjax.fit.setup import Setup
+
+
+@dataclass(frozen=True)
+class Found:
+    """Where the search ended: the data as they are used from here on, the base model on them, what is named, and the
+    curve where it goes by one.
+    """
+
+    parts: Split
+    base: State
+    choice: Choice
+    curve: Curve | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Search:
+    """What is searched, and by which rules."""
+
+    catalogue: Setup
+    rules: Evidence
+    max_steps: int
+    patience: Patience
+    tell: Progress
+
+    def choose(self, base: State, parts: Split, enough: Callable[[State], bool]) -> Choice:
+        return choose(
+            base,
+            parts,
+            self.rules,
+            self.catalogue,
+            max_steps=self.max_steps,
+            progress=self.tell,
+            enough=enough,
+            patience=self.patience,
+        )
+
+    def by_curve(self, base: State, rival: State, parts: Split) -> Free | None:
+        """One mechanism under a law of its own that does better than what does not reach the noise."""
+        if level(rival, parts) <= AT_NOISE:
+            return None
+        self.tell("each mechanism under a law of its own", 0.3)
+        return free_law(base, rival, parts, self.rules)
+
+
+def find_names(
+    base: State,
+    parts: Split,
+    catalogue: Setup,
+    rules: Evidence,
+    *,
+    max_steps: int = 40,
+    patience: Patience | None = None,
+    progress: Progress | None = None,
+) -> Found:
+    """What the base model leaves out, of ``catalogue`` (the problem with every candidate), judged by ``rules``.
+
+    Jumps inside gaps are timed by the better model. Where there were wild samples, those that a strong misfit had
+    concealed are left out once the first name is there.
+    """
+    tell = progress or (lambda text, fraction: None)
+    if base.setup.structure.system:
+        choice = choose_together(base, parts, rules, catalogue, progress=tell)
+        return Found(*_settled(parts, base, choice, rules))
+    search = _Search(catalogue, rules, max_steps, patience or Patience(), tell)
+    found, free = _searched(search, base, parts)
+    if free is not None:
+        return replace(found, choice=free.choice(found.base, found.choice), curve=free.curve)
+    tell("each name against what could stand in its place", 0.7)
+    choice = exchanged(found.choice, found.base, found.parts, rules, catalogue, search.patience)
+    found = Found(*_settled(found.parts, found.base, choice, rules), notes=found.notes)
+    free = one_for_several(found.base, found.choice, found.parts, rules)
+    if free is None:
+        return found
+    same = f"{' and '.join(found.choice.state.names)} together would predict the same as {free.names[0]} by its curve"
+    return replace(found, choice=free.choice(found.base, found.choice), curve=free.curve, notes=(*found.notes, same))
+
+
+def _searched(search: _Search, base: State, parts: Split) -> tuple[Found, Free | None]:
+    """What the catalogue's laws explain, or one mechanism by a curve where that does better than a first name; wild
+    samples left out.
+    """
+    free: Free | None = None
+    notes: tuple[str, ...] = ()
+
+    def by_curve(rival: State) -> bool:
+        nonlocal free
+        free = search.by_curve(base, rival, parts)
+        return free is not None
+
+    some = bool(np.any(np.asarray(parts.whole.weights) != np.asarray(base.setup.data.weights)))
+    choice = search.choose(base, parts, lambda first: (some and bool(_wild(first, parts).any())) or by_curve(first))
+    wild = _wild(choice.state, parts) if some and choice.state.names else np.zeros(())
+    if wild.any():
+        notes = (f"{wild.sum()} more were, which stood out beside {choice.state.names[0]}, the first name tried",)
+        parts = parts.with_weights(np.where(wild, 0.0, parts.whole.weights))
+        trial, _, _ = refine(base.setup, parts.train, base.trial)
+        base, free = state_at(base.setup, parts, trial), None
+        choice = search.choose(base, parts, by_curve)
+    if free is None and not choice.state.names:
+        by_curve(base)
+    return Found(parts, base, choice, notes=notes), free
+
+
+def _settled(parts: Split, base: State, choice: Choice, rules: Evidence) -> tuple[Split, State, Choice]:
+    """Jumps inside gaps timed by the model of what is named; without names that only made up for their times."""
+    if not choice.state.names:
+        return parts, base, choice
+    problem = choice.state.setup
+    again, data, _ = settle(problem, choice.state.trial, parts.train, drop_outliers=False)
+    timed = _with_effort(parts, data)
+    state = state_at(problem, timed, again)
+    if data is not parts.train and len(state.names) > 1:
+        pruned = prune(state, timed, rules)
+        if pruned.names != state.names:
+            return timed, base, choice.with_only(pruned)
+    return timed, base, replace(choice, state=state)
+
+
+def _wild(state: State, parts: Split) -> np.ndarray:
+    """Samples (r, n, y) that stand out alone beside a hypothesis, and are still in."""
+    return outliers(state.setup, parts.whole, state.trial) != np.asarray(parts.whole.weights)
+
+
+def state_at(setup: Setup, parts: Split, trial: Trial) -> State:
+    """A hypothesis where a trial stands."""
+    residual = residual_on(trial, parts.whole, setup)
+    return State(setup, trial, residual, float(np.sum(residual[parts.is_train] ** 2)))
+
+
+def _with_effort(parts: Split, data: Data) -> Split:
+    effort = np.asarray(data.grids.effort)
+    return Split(
+        parts.train.with_effort(effort),
+        parts.whole.with_effort(effort),
+        parts.is_train,
+        parts.is_held,
+        parts.mask,
+    )
