@@ -73,13 +73,28 @@ class _Search:
 
 @dataclass(frozen=True)
 class _Branch:
-    """A way the selection may go: what was named on it, by which evidence."""
+    """A way the selection may go: what was named on it, by which evidence.
+
+    ``tried``: by name, all that was compared in the round in which it was named. ``own``: how likely names are that
+    were not chosen in a round.
+    """
 
     state: State
     ranking: tuple[Ranked, ...] = ()
-    chance: dict[str, float] = field(default_factory=dict)
+    tried: dict[str, tuple[Comparison, ...]] = field(default_factory=dict)
+    own: dict[str, float] = field(default_factory=dict)
     equivalents: dict[str, tuple[str, ...]] = field(default_factory=dict)
     ended: bool = False  # nothing more is asked for
+
+    def chance(self, name: str) -> float:
+        """How likely a name is, with its equivalents, against what was compared with it. What is named as well was no
+        rival: both are there.
+        """
+        if name in self.own:
+            return self.own[name]
+        rivals = [c for c in self.tried[name] if c.added == name or c.added not in self.state.names]
+        p = probabilities(rivals)
+        return p[name] + sum(p.get(e, 0.0) for e in self.equivalents.get(name, ()))
 
 
 def choose(
@@ -131,7 +146,7 @@ def choose(
 
 def _choice(leader: _Branch) -> Choice:
     names = leader.state.names
-    chance = {n: leader.chance[n] for n in names}
+    chance = {n: leader.chance(n) for n in names}
     return Choice(leader.state, leader.ranking, chance, {n: leader.equivalents.get(n, ()) for n in names})
 
 
@@ -145,12 +160,12 @@ def _best(branches: Sequence[_Branch], split: Split, rules: Evidence) -> _Branch
 
 @dataclass(frozen=True)
 class _Tried:
-    """A round on a way: what may be added to it, most evidence first, and how likely each is."""
+    """A round on a way: what was tried, and what may be added to it, most evidence first."""
 
     way: _Branch
     ranking: tuple[Ranked, ...]
+    tried: tuple[Comparison, ...]
     accepted: list[Comparison]
-    chance: dict[str, float]
     best: float  # evidence of what has most, worth it or not
 
     @property
@@ -168,7 +183,7 @@ def _tried(search: _Search, way: _Branch, round_: int, tell: Callable[[str, int]
     ranked = (Ranked(c.added, c.delta_bic, c.held_out_gain, p[c.added], c.law, round_) for c in tried)
     accepted = [c for c in tried if c.accepted and worthwhile(way.state, c.state, search.base, split, rules.worth)]
     best = max((c.delta_bic for c in tried if c.accepted), default=0.0)
-    return _Tried(way, (*way.ranking, *ranked), accepted, p, best)
+    return _Tried(way, (*way.ranking, *ranked), tuple(tried), accepted, best)
 
 
 def _one_more(search: _Search, found: _Tried, ways: int = _WAYS) -> list[_Branch]:
@@ -196,8 +211,8 @@ def _named(search: _Search, found: _Tried, c: Comparison) -> _Branch:
     state = afresh(c.state, split)
     state = _other_laws(state, c.added, split, rules)
     state = prune(state, split, rules)
-    chance = way.chance | {c.added: found.chance[c.added] + sum(found.chance[e] for e in like)}
-    return _Branch(state, found.ranking, chance, way.equivalents | {c.added: like})
+    tried, own = way.tried | {c.added: found.tried}, {n: p for n, p in way.own.items() if n != c.added}
+    return _Branch(state, found.ranking, tried, own, way.equivalents | {c.added: like})
 
 
 def _by_another_way(
@@ -226,7 +241,7 @@ def _by_another_way(
                 leader = replace(leader, state=way.state)
             else:
                 own = float(expit(ahead(way.state, leader.state, split, rules) / 2))
-                leader = replace(way, chance=way.chance | {c.added: own})
+                leader = replace(way, own={c.added: own})
         if at_noise(leader.state, split):
             break
     strongest = next((c.added for c in first.accepted if c.added in leader.state.names), None)

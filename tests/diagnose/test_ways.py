@@ -115,6 +115,16 @@ def test_the_better_has_more_evidence_and_predicts_better(monkeypatch, gain, hel
     assert evidence.is_better(state, state, None, Evidence()) == better  # type: ignore[arg-type]
 
 
+def test_what_is_named_as_well_was_no_rival(monkeypatch):
+    """``a`` and ``b`` were as likely as each other at first; ``c``, which was too, is not named."""
+    played(monkeypatch, {"a": 500.0, "b": 500.0, "ab": 1.0})
+    found = select.choose(Played((), 1000.0), None, Evidence(), None)  # type: ignore[arg-type]
+    assert found.probability == pytest.approx({"a": 1.0, "b": 1.0})
+    played(monkeypatch, {"a": 500.0, "b": 500.0, "c": 500.0, "ab": 1.0})
+    found = select.choose(Played((), 1000.0), None, Evidence(), None)  # type: ignore[arg-type]
+    assert found.probability == pytest.approx({"a": 0.5, "b": 1.0})
+
+
 @pytest.mark.parametrize(("ac", "bc"), [(300.0, 1.0), (302.0, 300.0)])
 def test_what_speaks_for_the_first_name_of_another_way_is_the_whole_way(monkeypatch, ac, bc):
     """Alone ``b`` is nowhere; with ``c`` it does as much better than ``a`` with ``c`` as BIC says."""
