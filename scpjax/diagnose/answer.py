@@ -63,7 +63,7 @@ def answer(
     setup = base.setup
     state = learned.state if learned else choice.state
     problem = state.setup
-    fine, by_fine = resolved(state, parts)
+    fine, by_fine, steps = resolved(state, parts)
     final, final_data = fitted_to_all(fine, by_fine)
     base_final, _ = fitted_to_all(parts, base)
     doubt = uncertainty(final, final_data, problem.space, coloured=final_data is fine.whole)
@@ -95,7 +95,7 @@ def answer(
         missing=lacking,
         base_parameters={k: e for k, e in every.items() if k.split(".")[0] in setup.structure.base},
         not_identifiable=doubt.open_directions,
-        notes=setup.notes + notes + _nearest(choice) + _of(swing),
+        notes=setup.notes + notes + steps + _nearest(choice) + _of(swing),
         model=fitted,
         base_model=final_model(setup, base_final),
         traces=traces(setup, parts.whole, base.trial, state.trial, parts.mask, extended_setup=problem),

@@ -16,33 +16,39 @@ from scpjax.fit.solve import outputs_of
 
 _RESOLVED = 0.1  # of the noise of a sample, by which predictions may change where steps are halved
 _FINEST = 8  # parts of a step, at most
+_UNRESOLVED = (
+    "the last fit took {parts} steps a sample, and its predictions still changed by {off:.2g} times the noise when "
+    "steps were last halved: parameters may make up for the integrator"
+)
 _FARTHER = 1.5  # ratio of misfits, from which a fit to coloured residuals is off
 
 
-def resolved(state: State, parts: Split) -> tuple[Split, State]:
+def resolved(state: State, parts: Split) -> tuple[Split, State, tuple[str, ...]]:
     """The data, and the hypothesis fitted to their training part, by steps that are short enough; both as they are
-    where theirs are.
+    where theirs are. And a note where no steps tried were.
 
     Where what acts on the force has states of its own, such as hysteresis, a step as long as a sample may err by more
     than the noise, and parameters fitted with it make up for that only under drives like those given.
     """
     own = any(m.states and m.subsystem == "thermomechanical" for m in state.setup.structure.mechanisms if not m.is_base)
     if not (own and parts.whole.grids.constant):
-        return parts, state
+        return parts, state, ()
     sigma, space = np.asarray(parts.whole.sigma), state.setup.space
     there = np.where(np.asarray(parts.whole.weights) > 0, 1.0, 0.0)
-    factor, coarse = 1, np.asarray(outputs_of(state.trial, parts.whole, space))
+    factor, coarse, off = 1, np.asarray(outputs_of(state.trial, parts.whole, space)), 0.0
     while factor < _FINEST:
         fine = np.asarray(outputs_of(state.trial, parts.whole.finer(2 * factor), space))
         change = np.sum(there * ((fine - coarse) / sigma) ** 2, axis=(0, 1)) / np.maximum(there.sum(axis=(0, 1)), 1)
-        if np.sqrt(np.max(change)) < _RESOLVED:
+        off = float(np.sqrt(np.max(change)))
+        if off < _RESOLVED:
             break
         factor, coarse = 2 * factor, fine
     if factor == 1:
-        return parts, state
+        return parts, state, ()
+    notes = () if off < _RESOLVED else (_UNRESOLVED.format(parts=factor, off=off),)
     parts = replace(parts, train=parts.train.finer(factor), whole=parts.whole.finer(factor))
     trial, _, cost = refine(state.setup, parts.train, state.trial)
-    return parts, State(state.setup, trial, residual_on(trial, parts.whole, state.setup), cost)
+    return parts, State(state.setup, trial, residual_on(trial, parts.whole, state.setup), cost), notes
 
 
 def fitted_to_all(parts: Split, state: State) -> tuple[Trial, Data]:

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from scpjax.diagnose import final
 from scpjax.diagnose.diagnose import _base
 from scpjax.diagnose.final import fitted_to_all, resolved
 from scpjax.diagnose.trials import at_rest, from_their_starts, grown, trial_at
@@ -86,7 +87,8 @@ def test_the_last_fit_does_not_make_up_for_long_steps():
     """Fitted by steps as long as a sample, the width is off; by short ones it is the actuator's, and what the given
     drives hardly show is predicted to the noise."""
     parts, state = fitted()
-    fine, again = resolved(state, parts)
+    fine, again, notes = resolved(state, parts)
+    assert notes == ()
     assert fine.whole.bin > parts.whole.bin
     assert np.array_equal(fine.is_held, parts.is_held)
 
@@ -112,4 +114,12 @@ def test_what_is_resolved_stays_as_it_is():
     parts, state = fitted()
     base = grown(state.setup)
     simple = _base(prepare(base.recordings))
-    assert resolved(simple[1], parts) == (parts, simple[1])
+    assert resolved(simple[1], parts) == (parts, simple[1], ())
+
+
+def test_where_no_steps_are_short_enough_it_says_so(monkeypatch):
+    monkeypatch.setattr(final, "_FINEST", 2)
+    parts, state = fitted()
+    fine, _, notes = resolved(state, parts)
+    assert fine.whole.bin == 2 * parts.whole.bin
+    assert "2 steps a sample" in notes[0]
