@@ -121,14 +121,17 @@ def _diagnose(places: Any) -> None:
     )
     _mechanism(parser)
     _roles(parser)
+    _patience(parser)
+    _next(parser)
+
+
+def _patience(parser: argparse.ArgumentParser, of: str = "") -> None:
     parser.add_argument(
         "--minutes",
         metavar="M",
         type=_minutes,
-        default=10.0,
-        help="after which no other names are sought where none has reached the noise (default: 10)",
+        help=f"after which no other names are sought{of} where none has reached the noise (default: 10)",
     )
-    _next(parser)
 
 
 def _minutes(word: str) -> float:
@@ -200,6 +203,7 @@ def _fleet(places: Any) -> None:
         help="diagnose each actuator in turn, into a folder of its own below actuators/, and say which effects are in "
         "which; a call that was stopped goes on where it was",
     )
+    _patience(parser, " of an actuator under --diagnose")
     _model(parser, own=True)
     _mechanism(parser)
     _roles(parser)

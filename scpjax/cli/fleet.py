@@ -14,7 +14,7 @@ from typing import Any
 import scpjax
 from scpjax.cli.inputs import read_files
 from scpjax.cli.program import Progress, check_folder, progress, say, staged, start
-from scpjax.cli.study import say_doubts
+from scpjax.cli.study import patience_of, say_doubts
 from scpjax.errors import FitError, RecordingError, ScpjaxError
 from scpjax.recordings.recording import Recording
 
@@ -39,6 +39,8 @@ def run_fleet(arguments: Namespace) -> None:
     out = check_folder(arguments.out)
     if arguments.mechanism and not arguments.diagnose:
         arguments.parser.error("--mechanism is tried in a diagnosis: add --diagnose")
+    if arguments.minutes and not arguments.diagnose:
+        arguments.parser.error("--minutes is of a diagnosis: add --diagnose")
     actuators = find_actuators(arguments.where, out)
     read: dict[str, list[Recording]] = {}
     failed: dict[str, str] = {}
@@ -146,10 +148,11 @@ def _diagnose_one(
     job: _Job, place: Path, recordings: Sequence[Recording], mark: str, show: Progress | None
 ) -> dict[str, Any]:
     """Diagnose an actuator into its folder; the diagnosis as JSON."""
-    from scpjax.diagnose.diagnose import diagnose
+    from scpjax.diagnose.diagnose import DiagnoseOptions, diagnose
     from scpjax.report.report import command_line, write_diagnosis
 
-    found = diagnose(recordings, model=job.model, progress=show)
+    options = DiagnoseOptions(patience=patience_of(job.arguments))
+    found = diagnose(recordings, model=job.model, options=options, progress=show)
     found = dataclasses.replace(found, settings={**found.settings, "fingerprint": mark})
     with staged(place) as folder:
         write_diagnosis(found, folder, recordings=recordings, command=command_line(job.arguments.line))
@@ -159,7 +162,7 @@ def _diagnose_one(
 def fingerprint(files: Sequence[str], arguments: Namespace) -> str:
     """What a diagnosis depends on, as one number: the files and those beside them, how they are read, the version."""
     digest = hashlib.sha256(scpjax.__version__.encode())
-    told = (arguments.model, arguments.drive, arguments.response)
+    told = (arguments.model, arguments.drive, arguments.response, patience_of(arguments))
     digest.update(json.dumps(told).encode())
     own = [f for f in (arguments.base, *arguments.mechanism) if f]
     for file in (*files, *own):

@@ -75,8 +75,16 @@ def run_diagnose(arguments: Namespace) -> None:
 
         for file in read.mechanisms:
             use(file)
-    patience = 60.0 * arguments.minutes
+    patience = patience_of(arguments)
     diagnose_into(arguments, recordings, out, model=model, limits=limits, before=before, read=read, patience=patience)
+
+
+def patience_of(arguments: Namespace) -> float:
+    """Seconds for which other explanations are sought (`scpjax.diagnose.diagnose.DiagnoseOptions`)."""
+    return 60.0 * (_MINUTES if arguments.minutes is None else arguments.minutes)
+
+
+_MINUTES = 10.0
 
 
 def diagnose_into(

@@ -125,6 +125,7 @@ CALLS: list[tuple[str, str, tuple[str, ...]]] = [
         ("agonist", "voltage_agonist_V"),
     ),
     ("no time at all", "diagnose good.csv --out OUT --minutes 0", ("--minutes", "'0'", "positive")),
+    ("minutes of a fit of a fleet", "fleet . --out OUT --minutes 3", ("--minutes", "--diagnose")),
     ("no number of minutes", "diagnose good.csv --out OUT --minutes soon", ("--minutes", "'soon'", "positive")),
     ("loud and quiet", "fit good.csv --out OUT --quiet --progress", ("not allowed with",)),
 ]

@@ -64,6 +64,23 @@ def test_the_page_says_what_is_in_which(rig, capsys):
     assert not Path("out/actuators/d").exists()
 
 
+def test_other_names_are_sought_for_as_long_as_told(rig, monkeypatch):
+    told = []
+    whole = room.diagnose
+
+    def noting(recordings, *, options, **rest):
+        told.append(options.patience)
+        return whole(recordings, **rest)
+
+    monkeypatch.setattr(room, "diagnose", noting)
+    assert main([*FLEET, "--minutes", "0.5"]) == 0
+    assert set(told) == {30.0}
+    told.clear()
+    assert main([*FLEET]) == 0
+    assert len(told) == 5, "told otherwise, all are diagnosed again"
+    assert set(told) == {600.0}
+
+
 def test_what_lies_there_is_not_diagnosed_again(rig, capsys):
     assert main([*FLEET]) == 0
     first = Path("out/report.html").read_text()
