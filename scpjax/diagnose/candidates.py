@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from scpjax.diagnose.evidence import Comparison, Evidence, compare
+from scpjax.diagnose.evidence import Comparison, Evidence, compare, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.screen import fit_promising, fresh, screen
 from scpjax.diagnose.trials import FAR, State, afresh, at_noise, misfit
@@ -68,8 +68,8 @@ def contested(before: State, fitted: dict[str, dict[int, State]], split: Split) 
 
 
 def _best_law(m: Mechanism, found: Sequence[Comparison], split: Split, rules: Evidence) -> Comparison:
-    """The law to speak for a mechanism: the one with evidence that has fewest parameters, unless a wider one is better
-    in a comparison of the two; of equally wide ones the closer fit.
+    """The law to speak for a mechanism: of those with evidence the one with fewest parameters, unless a wider one is
+    better; of equally wide ones the closer fit. A name needs strong evidence; which of its laws it is, only more.
     """
     width = lambda c: len(m.free_parameters(m.laws.index(c.law)))  # noqa: E731
     able = [c for c in found if c.accepted]
@@ -77,7 +77,6 @@ def _best_law(m: Mechanism, found: Sequence[Comparison], split: Split, rules: Ev
         return max(found, key=lambda c: c.delta_bic)
     best, *others = sorted(able, key=lambda c: (width(c), c.state.cost))
     for c in others:
-        more = width(c) - width(best)
-        if more and compare(best.state, c.state, m.name, c.law, split, rules, more).accepted:
+        if width(c) > width(best) and is_better(c.state, best.state, split, rules):
             best = c
     return best

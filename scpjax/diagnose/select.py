@@ -282,13 +282,13 @@ def _other_laws(state: State, name: str, split: Split, rules: Evidence) -> State
         free = set(m.free_parameters(law))
         if free < free_now:
             after = afresh(_under(state, m, law, split), split)
-            if not compare(after, best, name, "", split, rules, len(free_now - free)).accepted:
+            if not is_better(best, after, split, rules):
                 best = after
     for law in laws_that_can_act(setup, m):
         added = [p for p in m.free_parameters(law) if p not in free_now]
         if added and free_now < set(m.free_parameters(law)):
             after = _under(state, m, law, split, added)
-            if compare(best, after, name, m.laws[law], split, rules, len(added)).accepted:
+            if is_better(after, best, split, rules):
                 best = after
     return best
 

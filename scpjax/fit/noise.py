@@ -15,7 +15,7 @@ from scpjax.recordings.recording import Recording
 _TOP = 0.85  # of the spectrum, above which a signal has least of itself
 _SAMPLES = 512  # from which there is enough of it
 _SPREAD = 0.9  # relative standard deviation of its estimate, times the root of the number of lines
-_CLEARLY = 2.0  # of its standard deviations, that it has to be below the other to be believed instead
+_CLEARLY = 3.0  # of its standard deviations, that it has to be below the other to be believed instead
 
 
 @dataclass(frozen=True)
