@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from scpjax.abreast import abreast
 from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, are_equal, is_better
 from scpjax.diagnose.holdout import Split
@@ -13,7 +15,7 @@ from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.screen import screen
 from scpjax.diagnose.select import Choice, prune
-from scpjax.diagnose.trials import FAR, State, afresh, at_noise, in_order, under_every_law, without
+from scpjax.diagnose.trials import FAR, State, afresh, at_noise, in_order, moving, under_every_law, without
 from scpjax.fit.setup import Setup
 
 _BY_PROMISE, _BY_RANK = 2, 1  # tried in the place of a name
@@ -93,7 +95,9 @@ def _each_exchanged(
         found: dict[str, State] = {name: state}
         others = in_its_place(name, bare, choice.ranking, split, rules, catalogue, far=far)
         tried = ([name] if far else []) + [o for o in others if (name, o) not in hopeless]
-        for other, after in zip(tried, abreast(lambda o, bare=bare: _beside(bare, o, split), tried), strict=True):
+        for other, after in zip(
+            tried, abreast(lambda o, bare=bare: _beside(bare, o, split, rules), tried), strict=True
+        ):
             if after is None or after.cost > _HOPELESS * state.cost:
                 hopeless.add((name, other))
                 continue
@@ -111,10 +115,18 @@ def _each_exchanged(
     return choice
 
 
-def _beside(bare: State, other: str, split: Split) -> State | None:
-    """The other names with one more, fitted afresh; None where every fit blew up."""
-    fitted = next(iter(by_law(bare, other, split).values()), None)
-    return None if fitted is None else afresh(fitted, split)
+def _beside(bare: State, other: str, split: Split, rules: Evidence) -> State | None:
+    """The other names with one more, fitted afresh, under the law that fits best or a narrower one that it is not
+    better than; None where every fit blew up.
+    """
+    found = [*by_law(bare, other, split, close=np.inf).values()]
+    if not found:
+        return None
+    best = found[0]
+    for narrower in found[1:]:
+        if moving(narrower) < moving(best) and not is_better(best, narrower, split, rules):
+            best = narrower
+    return afresh(best, split)
 
 
 def _is_far(state: State, split: Split) -> bool:
@@ -133,7 +145,7 @@ def in_its_place(
     far: bool = False,
 ) -> list[str]:
     """What may stand in the place of a name: what promises most beside the other names, ``bare``, and what had
-    evidence in the round in which the name was the best. More where all names together end ``far`` from the noise.
+    evidence when the name had most. More where all names together end ``far`` from the noise.
     """
     candidates = [m for m in catalogue.structure.mechanisms if not m.is_base and m.name not in bare.names]
     promise = {p.mechanism.name: p.gain for p in screen(bare, split, catalogue, candidates)}
@@ -144,12 +156,17 @@ def in_its_place(
 
 
 def accepted_beside(ranking: Sequence[Ranked], name: str, rules: Evidence) -> list[str]:
-    """Mechanisms with evidence in the round in which a name was the best; most first."""
-    for round_ in sorted({r.round for r in ranking}):
-        mine = sorted((r for r in ranking if r.round == round_), key=lambda r: -r.delta_bic)
-        if mine[0].name == name:
-            return [r.name for r in mine[1:] if r.delta_bic > rules.bic and r.held_out_gain > 0.0]
-    return []
+    """Mechanisms with evidence in the round in which a name was the best, or had most if it never was; most first."""
+
+    def place(r: Ranked) -> tuple[bool, float]:
+        return all(o.delta_bic <= r.delta_bic for o in ranking if o.round == r.round), r.delta_bic
+
+    mine = max((r for r in ranking if r.name == name), key=place, default=None)
+    if mine is None:
+        return []
+    beside = [r for r in ranking if r.round == mine.round and r.name != name]
+    able = [r for r in beside if r.delta_bic > rules.bic and r.held_out_gain > 0.0]
+    return [r.name for r in sorted(able, key=lambda r: -r.delta_bic)]
 
 
 def _with(choice: Choice, state: State, name: str, best: str, alike: Sequence[str]) -> Choice:

@@ -106,9 +106,9 @@ def _merged(found: Sequence[dict[str, State]]) -> dict[str, State]:
     return best | {label: s for _, label, s in more[: max(_LAWS - len(best), 0)]}
 
 
-def by_law(state: State, name: str, split: Split) -> dict[str, State]:
+def by_law(state: State, name: str, split: Split, *, close: float = _CLOSE) -> dict[str, State]:
     """A hypothesis with one mechanism more, from the start that fit best, under the law that fits best (by the name
-    alone) and under those that are close to it (with the law in brackets).
+    alone) and under those whose sum of squares is so ``close`` to it (with the law in brackets).
     """
     m = mechanism(name)
     problem = grown(state.setup, m)
@@ -119,7 +119,7 @@ def by_law(state: State, name: str, split: Split) -> dict[str, State]:
     seen: set[int] = set()
     for i in np.argsort(cost, kind="stable"):
         law = starts[i].law
-        if law in seen or cost[i] > cost.min() + _CLOSE or not np.isfinite(cost[i]):
+        if law in seen or cost[i] > cost.min() + close or not np.isfinite(cost[i]):
             continue
         seen.add(law)
         residual = residual_on(solved[i], split.whole, problem)

@@ -49,7 +49,7 @@ def swaps(monkeypatch):
     """Costs of what stands in a name's place, what each promises, and what was tried."""
     costs, promise, tried, fresh = {}, {"a": 100.0, "e": 90.0}, [], {}
 
-    def by_law(bare, name, split):
+    def by_law(bare, name, split, close=0.0):
         tried.append((*bare.names, name))
         return {name: state([*bare.names, name], costs.get(name, 1e9))}
 
@@ -93,7 +93,7 @@ def test_away_from_the_noise_names_are_asked_for_their_laws_again(swaps, monkeyp
     monkeypatch.setattr(exchange, "at_noise", lambda s, *_: s.cost < 40.0)
     laws = {"a": iter([60.0, 30.0]), "e": iter([200.0, 200.0])}  # what it costs under the best of them, each time
 
-    def by_law(bare, name, split):
+    def by_law(bare, name, split, close=0.0):
         swaps.tried.append((*bare.names, name))
         cost = next(laws[name]) if name in laws else 1e9
         return {name: state([*bare.names, name], cost, f"law {cost}")}
@@ -154,7 +154,7 @@ def test_what_did_badly_in_the_place_of_a_name_is_tried_once_and_only_what_conte
     swaps.promise |= {"f": 95.0, "g": 92.0}
     costs = {"a": iter([60.0, 60.0]), "e": iter([200.0, 200.0])}  # a law is changed once: there are two passes
 
-    def by_law(bare, name, split):
+    def by_law(bare, name, split, close=0.0):
         swaps.tried.append((*bare.names, name))
         cost = next(costs[name]) if name in costs else {"f": 500.0, "g": 150.0}.get(name, 1e9)
         return {name: state([*bare.names, name], cost, f"law {cost}")}
@@ -171,7 +171,8 @@ def test_what_did_badly_in_the_place_of_a_name_is_tried_once_and_only_what_conte
 def test_what_had_evidence_in_the_round_of_a_name_stands_beside_it():
     assert accepted_beside(RANKING, "a", Evidence()) == ["b"]
     assert accepted_beside(RANKING, "e", Evidence()) == []
-    assert accepted_beside(RANKING, "b", Evidence()) == []
+    assert accepted_beside(RANKING, "b", Evidence()) == ["a"], "it led no round"
+    assert accepted_beside(RANKING, "f", Evidence()) == []
 
 
 def test_what_promises_most_beside_the_others_is_tried_and_what_had_evidence(swaps):
@@ -183,6 +184,19 @@ def test_what_promises_most_beside_the_others_is_tried_and_what_had_evidence(swa
     swaps.promise |= {"f": 29.0, "g": 20.0, "c": 0.0}  # of the 100 that the name itself promises
     tried = in_its_place("a", state(["e"], 1.0), RANKING, None, Evidence(), CATALOGUE)  # type: ignore[arg-type]
     assert tried == ["b"]
+
+
+@pytest.mark.parametrize(("wide", "told"), [(90.0, "wide"), (100.0, "narrow")])
+def test_in_the_place_of_a_name_a_wider_law_has_to_be_better(swaps, monkeypatch, wide, told):
+    """What its wider law fits closer by chance is not what the narrower one would be found equal to."""
+
+    def by_law(bare, name, split, close):
+        return {n: state([*bare.names, name], c, n) for n, c in (("wide", wide), ("narrow", 100.0), ("off", 400.0))}
+
+    monkeypatch.setattr(exchange, "by_law", by_law)
+    monkeypatch.setattr(exchange, "moving", lambda s: 4 if s.laws["b"] == "wide" else 2)
+    found = exchange._beside(state("e", 1e3), "b", None, Evidence())  # type: ignore[arg-type]
+    assert found.laws["b"] == told
 
 
 def test_a_better_one_takes_its_place_and_its_chance(swaps):
@@ -229,7 +243,7 @@ def test_a_worse_one_changes_nothing(swaps):
 
 
 def test_one_whose_every_fit_blew_up_is_passed_over(swaps, monkeypatch):
-    monkeypatch.setattr(exchange, "by_law", lambda *_: {})
+    monkeypatch.setattr(exchange, "by_law", lambda *_, **__: {})
     found = after_exchange(chosen(("a", "e"), 100.0))
     assert found.state.names == ("a", "e")
     assert found.equivalents == {"a": ("z",), "e": ()}
