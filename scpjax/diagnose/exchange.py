@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.screen import screen
 from scpjax.diagnose.select import Choice, prune
-from scpjax.diagnose.trials import FAR, State, afresh, at_noise, in_order, moving, under_every_law, without
+from scpjax.diagnose.trials import FAR, State, afresh, at_noise, in_order, under_every_law, without
 from scpjax.fit.setup import Setup
 
 _BY_PROMISE, _BY_RANK = 2, 1  # tried in the place of a name
@@ -95,9 +96,8 @@ def _each_exchanged(
         found: dict[str, State] = {name: state}
         others = in_its_place(name, bare, choice.ranking, split, rules, catalogue, far=far)
         tried = ([name] if far else []) + [o for o in others if (name, o) not in hopeless]
-        for other, after in zip(
-            tried, abreast(lambda o, bare=bare: _beside(bare, o, split, rules), tried), strict=True
-        ):
+        beside = partial(_beside, bare, state=state, base=base, split=split, rules=rules)
+        for other, after in zip(tried, abreast(beside, tried), strict=True):
             if after is None or after.cost > _HOPELESS * state.cost:
                 hopeless.add((name, other))
                 continue
@@ -115,18 +115,17 @@ def _each_exchanged(
     return choice
 
 
-def _beside(bare: State, other: str, split: Split, rules: Evidence) -> State | None:
-    """The other names with one more, fitted afresh, under the law that fits best or a narrower one that it is not
-    better than; None where every fit blew up.
+def _beside(bare: State, other: str, *, state: State, base: State, split: Split, rules: Evidence) -> State | None:
+    """The other names with one more, fitted afresh, under the law that fits best, or where that is not better than
+    ``state`` under one by which it predicts the same; None where every fit blew up.
     """
     found = [*by_law(bare, other, split, close=np.inf).values()]
     if not found:
         return None
-    best = found[0]
-    for narrower in found[1:]:
-        if moving(narrower) < moving(best) and not is_better(best, narrower, split, rules):
-            best = narrower
-    return afresh(best, split)
+    best = afresh(found[0], split)
+    if is_better(best, state, split, rules):
+        return best
+    return next((afresh(f, split) for f in found[1:] if are_equal(f, state, base, split, rules)), best)
 
 
 def _is_far(state: State, split: Split) -> bool:

@@ -186,16 +186,16 @@ def test_what_promises_most_beside_the_others_is_tried_and_what_had_evidence(swa
     assert tried == ["b"]
 
 
-@pytest.mark.parametrize(("wide", "told"), [(90.0, "wide"), (100.0, "narrow")])
-def test_in_the_place_of_a_name_a_wider_law_has_to_be_better(swaps, monkeypatch, wide, told):
-    """What its wider law fits closer by chance is not what the narrower one would be found equal to."""
-
+@pytest.mark.parametrize(("closest", "told"), [(90.0, "closest"), (110.0, "alike")])
+def test_what_is_not_better_under_its_closest_law_may_be_equal_under_another(swaps, monkeypatch, closest, told):
     def by_law(bare, name, split, close):
-        return {n: state([*bare.names, name], c, n) for n, c in (("wide", wide), ("narrow", 100.0), ("off", 400.0))}
+        costs = {"closest": closest, "far": 400.0, "alike": 102.0}
+        return {n: state([*bare.names, name], c, n) for n, c in costs.items()}
 
     monkeypatch.setattr(exchange, "by_law", by_law)
-    monkeypatch.setattr(exchange, "moving", lambda s: 4 if s.laws["b"] == "wide" else 2)
-    found = exchange._beside(state("e", 1e3), "b", None, Evidence())  # type: ignore[arg-type]
+    now = {"state": state("ea", 100.0), "base": None, "split": None, "rules": Evidence()}
+    found = exchange._beside(state("e", 1e3), "b", **now)  # type: ignore[arg-type]
+    assert found is not None
     assert found.laws["b"] == told
 
 
