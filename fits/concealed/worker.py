@@ -16,17 +16,18 @@ from pathlib import Path
 from typing import Any, TextIO
 
 ANSWER = "@answer "
-PATIENCE = 600.0  # s, what the command line has where it is not told otherwise
 Errors = dict[str, dict[str, float]]
 
 
 def diagnose_by_library(job: dict[str, Any]) -> dict[str, Any]:
     """``diagnose`` on the given files, ``predict`` on the kept ones with the extended and with the base model."""
+    from scpjax.cli.commands import MINUTES
     from scpjax.diagnose.diagnose import DiagnoseOptions, diagnose
     from scpjax.recordings.files import read_recording
 
+    options = DiagnoseOptions(patience=60.0 * MINUTES)  # as on the command line
     began = time.monotonic()
-    found = diagnose([read_recording(f) for f in job["given"]], options=DiagnoseOptions(patience=PATIENCE))
+    found = diagnose([read_recording(f) for f in job["given"]], options=options)
     seconds = time.monotonic() - began
     kept: Errors = {}
     base: Errors = {}

@@ -10,6 +10,7 @@ from typing import Any
 from scpjax.cli import rig_commands as rig
 
 MODELS = ("te", "tm", "plant", "aaa")
+MINUTES = 10.0  # for which other names are sought where none has reached the noise, unless told otherwise
 
 
 def add_commands(places: Any) -> None:
@@ -130,7 +131,7 @@ def _patience(parser: argparse.ArgumentParser, of: str = "") -> None:
         "--minutes",
         metavar="M",
         type=_minutes,
-        help=f"after which no other names are sought{of} where none has reached the noise (default: 10)",
+        help=f"after which no other names are sought{of} where none has reached the noise (default: {MINUTES:g})",
     )
 
 

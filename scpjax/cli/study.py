@@ -8,6 +8,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
+from scpjax.cli.commands import MINUTES
 from scpjax.cli.inputs import fixed_values, read_files, with_known
 from scpjax.cli.program import check_folder, progress, say, staged, start
 from scpjax.cli.then import Earlier, Read, earlier, limits_of, probability_changes, say_next, with_earlier
@@ -81,10 +82,7 @@ def run_diagnose(arguments: Namespace) -> None:
 
 def patience_of(arguments: Namespace) -> float:
     """Seconds for which other explanations are sought (`scpjax.diagnose.diagnose.DiagnoseOptions`)."""
-    return 60.0 * (_MINUTES if arguments.minutes is None else arguments.minutes)
-
-
-_MINUTES = 10.0
+    return 60.0 * (MINUTES if arguments.minutes is None else arguments.minutes)
 
 
 def diagnose_into(

@@ -8,11 +8,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from scpjax.diagnose.answer import answer
+from scpjax.diagnose.closure import Learned
+from scpjax.diagnose.curve import Curve
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.holdout import Split, split
 from scpjax.diagnose.latent import Misfit, missing
 from scpjax.diagnose.locate import observe
-from scpjax.diagnose.naming import find_names, state_at
+from scpjax.diagnose.naming import Found, find_names, state_at
 from scpjax.diagnose.outside import (
     AT_NOISE,
     able,
@@ -26,7 +28,7 @@ from scpjax.diagnose.profiles import Limits
 from scpjax.diagnose.result import Diagnosis, Latent
 from scpjax.diagnose.rhythm import Rhythm, rhythm, ripple
 from scpjax.diagnose.rivals import Outcome, next_experiment
-from scpjax.diagnose.select import Progress
+from scpjax.diagnose.select import Choice, Progress
 from scpjax.diagnose.swing import Swing, swinging
 from scpjax.diagnose.trials import State, grown
 from scpjax.fit.fit import best_start, refine, settle
@@ -87,20 +89,11 @@ def diagnose(
         patience=patience,
         progress=tell,
     )
-    parts, base, choice, learned = found.parts, found.base, found.choice, found.curve
-    notes += found.notes + patience.notes()
+    parts, base = found.parts, found.base
     binned = observe(setup, parts.whole, base.trial, base.residual)
     misfit = Misfit(setup, parts.whole, base.trial, binned)
     lacking = missing(misfit)
-    if learned is None and level(choice.state, parts) > AT_NOISE:
-        tell("learning what the catalogue does not hold", 0.75)
-        choice, learned = beyond_names(parts, base, choice, options.evidence, able(lacking))
-    elif learned is None:
-        choice, learned = form_rather_than_name(parts, base, choice, options.evidence)
-    swing = None
-    if nothing_explains(base, choice, learned, parts):
-        swing, by_swing = _repeating(misfit, lacking, base, parts, options.evidence)
-        learned = by_swing or learned
+    choice, learned, swing = _beyond(found, misfit, lacking, options.evidence, tell)
     tell("fitting the chosen model to all data", 0.85)
     told = answer(
         parts,
@@ -110,7 +103,7 @@ def diagnose(
         binned,
         lacking,
         swing,
-        notes=notes,
+        notes=notes + found.notes + patience.notes(),
         seconds=time.monotonic() - began,
         settings={"order": options.order, "substeps": options.substeps, "evidence": vars(options.evidence)},
     )
@@ -129,6 +122,22 @@ def _base(setup: Setup) -> tuple[Split, State, tuple[str, ...]]:
         parts = split(data)
     trial, _, _ = refine(setup, parts.train, trial)
     return parts, state_at(setup, parts, trial), notes
+
+
+def _beyond(
+    found: Found, misfit: Misfit, lacking: tuple[Latent, ...], rules: Evidence, tell: Progress
+) -> tuple[Choice, Learned | Curve | Swing | None, Rhythm | None]:
+    """What is named in the end, what is learned beyond it, and what repeats where nothing explains the misfit."""
+    parts, base, choice, learned = found.parts, found.base, found.choice, found.curve
+    if learned is None and level(choice.state, parts) > AT_NOISE:
+        tell("learning what the catalogue does not hold", 0.75)
+        choice, learned = beyond_names(parts, base, choice, rules, able(lacking))
+    elif learned is None:
+        choice, learned = form_rather_than_name(parts, base, choice, rules)
+    if not nothing_explains(base, choice, learned, parts):
+        return choice, learned, None
+    swing, by_swing = _repeating(misfit, lacking, base, parts, rules)
+    return choice, by_swing or learned, swing
 
 
 def _repeating(
