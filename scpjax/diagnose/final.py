@@ -17,8 +17,8 @@ from scpjax.fit.solve import outputs_of
 _RESOLVED = 0.1  # of the noise of a sample, by which predictions may change where steps are halved
 _FINEST = 8  # parts of a step, at most
 _UNRESOLVED = (
-    "the last fit took {parts} steps a sample, and its predictions still changed by {off:.2g} times the noise when "
-    "steps were last halved: parameters may make up for the integrator"
+    "the samples are far apart for what moves here: with {parts} steps a sample the last fit's predictions still "
+    "changed by {off:.2g} times the noise when steps were halved, so its parameters may be off; record at a higher rate"
 )
 _FARTHER = 1.5  # ratio of misfits, from which a fit to coloured residuals is off
 

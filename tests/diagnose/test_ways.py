@@ -227,6 +227,20 @@ def test_the_closest_law_of_what_gains_much_is_fitted_afresh(monkeypatch):
     assert asked == []
 
 
+@pytest.mark.parametrize(("better", "law"), [(True, "wide"), (False, "narrow")])
+def test_a_wider_law_of_a_name_has_to_be_better_no_more(monkeypatch, better, law):
+    """The name has its evidence by any law; one without it never speaks for it."""
+    m = SimpleNamespace(laws=("wide", "narrow", "other"), free_parameters=lambda law: range((3, 1, 1)[law]))
+
+    def by(law, cost, accepted):
+        return Comparison(SimpleNamespace(cost=cost), "m", law, 1e3 - cost, 0.5, 0.0, 0.5, accepted)  # type: ignore[arg-type]
+
+    found = [by("wide", 90.0, True), by("narrow", 100.0, True), by("other", 10.0, False)]
+    monkeypatch.setattr(candidates, "is_better", lambda a, b, *_: better and a.cost < b.cost)
+    assert candidates._best_law(m, found, None, Evidence()).law == law  # type: ignore[arg-type]
+    assert candidates._best_law(m, found[2:], None, Evidence()).law == "other"  # type: ignore[arg-type]
+
+
 def test_the_search_can_be_ended_with_the_first_name(monkeypatch):
     asked = played(monkeypatch, {"a": 500.0, "ab": 1.0})
     found = select.choose(Played((), 1000.0), None, Evidence(), None, enough=lambda s: s.names == ("a",))  # type: ignore[arg-type]

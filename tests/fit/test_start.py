@@ -78,6 +78,15 @@ def test_noise_floor_of_a_quick_signal_is_not_the_signal():
     assert noise_floor(quick + 0.005 * rng.standard_normal(8000)) == pytest.approx(0.005, rel=0.15)
 
 
+def test_noise_floor_is_hardly_ever_a_tenth_low():
+    """Too low, a right model is called unexplained; believing the spectrum at two standard deviations was so in one or
+    two of a hundred columns."""
+    rng = np.random.default_rng(5)
+    slow = 5.0 * np.sin(np.arange(1400) / 100.0)
+    found = np.array([noise_floor(slow + 0.15 * rng.standard_normal(1400)) for _ in range(1000)])
+    assert np.mean(found < 0.9 * 0.15) < 0.005
+
+
 def test_noise_floor_of_white_noise_is_not_low():
     """Of two estimates the lesser would be, by 2 to 5 % on the average."""
     rng = np.random.default_rng(1)
