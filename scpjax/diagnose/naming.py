@@ -37,8 +37,8 @@ class Found:
 
 
 @dataclass(frozen=True)
-class _Search:
-    """What is searched, and by which rules."""
+class _Seeker:
+    """How names are sought: under the laws of the catalogue, or one mechanism by a curve."""
 
     catalogue: Setup
     rules: Evidence
@@ -85,7 +85,7 @@ def find_names(
     if base.setup.structure.system:
         choice = choose_together(base, parts, rules, catalogue, progress=tell)
         return Found(*_settled(parts, base, choice, rules))
-    search = _Search(catalogue, rules, max_steps, patience or Patience(), tell)
+    search = _Seeker(catalogue, rules, max_steps, patience or Patience(), tell)
     found, free = _searched(search, base, parts)
     if free is not None:
         return replace(found, choice=free.choice(found.base, found.choice), curve=free.curve)
@@ -99,7 +99,7 @@ def find_names(
     return replace(found, choice=free.choice(found.base, found.choice), curve=free.curve, notes=(*found.notes, same))
 
 
-def _searched(search: _Search, base: State, parts: Split) -> tuple[Found, Free | None]:
+def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free | None]:
     """What the catalogue's laws explain, or one mechanism by a curve where that does better than a first name; wild
     samples left out.
     """
