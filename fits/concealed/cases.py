@@ -83,7 +83,9 @@ def seen() -> frozenset[str]:
 def plan() -> list[Case]:
     """Every case, in order."""
     first = [*_singles(), *_several(2), *_several(3), *_nulls(), *_outside(), *_foreign()]
-    return [*first, *_several(2, draw=1), *_several(3, draw=1), *_nulls(draw=1)]
+    second = [*_several(2, draw=1), *_several(3, draw=1), *_nulls(draw=1)]
+    third = [*_singles(draw=2), *_several(2, draw=2), *_several(3, draw=2), *_nulls(draw=2)]
+    return [*first, *second, *third, *_outside(draw=2), *_foreign(draw=2)]
 
 
 class _Decks:
@@ -107,22 +109,22 @@ class _Decks:
         return self.deal([law for law, seen in laws.items() if kind in seen], f"law {effect}"), kind
 
 
-def _singles() -> list[Case]:
+def _seeds(draw: int) -> range:
+    return range(1 + draw * SEEDS, 1 + (draw + 1) * SEEDS)
+
+
+def _singles(*, draw: int = 0) -> list[Case]:
     out = []
     for i, effect in enumerate(CATALOGUE):
-        decks = _Decks(100 + i)
-        for seed, (j, tier) in itertools.product(range(1, SEEDS + 1), enumerate(TIERS)):
+        decks = _Decks(100 + i + 1000 * draw)
+        for seed, (j, tier) in itertools.product(_seeds(draw), enumerate(TIERS)):
             law, kind = decks.law(effect)
-            mess = _MESSY.get(seed, ()) if j == seed % 3 else ()
+            mess = _MESSY.get(seed - draw * SEEDS, ()) if j == seed % 3 else ()
             inside = (seed == 1 + i % 5 and j == 1 + i % 2) or (seed == 2 and j == 0 and i % 4 == 0)
             level = decks.deal(LEVELS[:2] if tier == "strong" else LEVELS, "level")
             files = decks.deal(range(len(FILES)), "files")
             out.append(Case("single", ((effect, law),), kind, tier, level, seed, files, mess, inside))
     return out
-
-
-def _seeds(draw: int) -> range:
-    return range(1 + draw * SEEDS, 1 + (draw + 1) * SEEDS)
 
 
 def _several(size: int, *, draw: int = 0) -> list[Case]:
@@ -176,11 +178,11 @@ def _nulls(*, draw: int = 0) -> list[Case]:
     return out
 
 
-def _outside() -> list[Case]:
+def _outside(*, draw: int = 0) -> list[Case]:
     out = []
     for i, effect in enumerate(OUTSIDE):
-        decks = _Decks(70 + i)
-        for seed in range(1, SEEDS + 1):
+        decks = _Decks(70 + i + 1000 * draw)
+        for seed in _seeds(draw):
             law, kind = decks.law(effect)
             tier: Tier = "strong" if seed % 2 else "moderate"
             level, files = decks.deal(LEVELS[:2], "level"), decks.deal(range(len(FILES)), "files")
@@ -189,12 +191,12 @@ def _outside() -> list[Case]:
     return out
 
 
-def _foreign() -> list[Case]:
+def _foreign(*, draw: int = 0) -> list[Case]:
     """Single effects under laws that the library does not hold: moderate and strong by turns."""
     out = []
     for i, effect in enumerate(FOREIGN):
-        decks = _Decks(200 + i)
-        for seed in range(1, SEEDS + 1):
+        decks = _Decks(200 + i + 1000 * draw)
+        for seed in _seeds(draw):
             for law, kinds in FOREIGN[effect].laws.items():
                 kind = decks.deal(kinds, "kind")
                 tier: Tier = "strong" if (seed + i) % 2 else "moderate"

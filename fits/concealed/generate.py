@@ -59,7 +59,12 @@ def selection(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--sort", "--kind", dest="sort", choices=SORTS, action="append", default=[], help="repeatable")
     parser.add_argument("--only", metavar="PATTERN", action="append", default=[], help="part of a label, as *creep*s1")
     parser.add_argument(
-        "--seeds", metavar="N", type=int, nargs="+", default=[], help="1 to 5; 6 to 10: more pairs, triples and nulls"
+        "--seeds",
+        metavar="N",
+        type=int,
+        nargs="+",
+        default=[],
+        help="1 to 5; 6 to 10: more pairs, triples, nulls; 11 to 15: more of all",
     )
     parser.add_argument("--cases", metavar="N", type=int, help="so many of them, spread evenly")
     parser.add_argument("--subset", action="store_true", help="the balanced selection of about forty")
