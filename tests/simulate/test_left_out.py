@@ -41,11 +41,14 @@ def test_crosstalk_is_its_equation_and_conserves_heat():
     np.testing.assert_allclose(balance["stored"], C_TH * found[-1].sum(), rtol=1e-2)
 
 
-def test_delayed_crosstalk_is_its_equation():
-    """Two temperatures and the air about each, all linear: by the exponential of their matrix."""
+@pytest.mark.parametrize("law", ["delayed", "frame"])
+def test_crosstalk_through_what_is_between_is_its_equation(law):
+    """Two temperatures and the air about each, or what both are clamped to (twice the same), all linear: by the
+    exponential of their matrix.
+    """
     base = presets.aaa(PLANT, pulley_radius=0.015)
     structure = extended(base.structure, "thermal_crosstalk")
-    laws = [float(m.name == "thermal_crosstalk") for m in structure.mechanisms]
+    laws = [float(m.laws.index(law)) if m.name == "thermal_crosstalk" else 0.0 for m in structure.mechanisms]
     own = {"thermal_crosstalk.exchange": 0.4, "thermal_crosstalk.time_constant": 2.0}
     model = Model(structure, laws=laws).replace(base.values() | own)
     time = np.arange(0, 20, 0.05)
@@ -56,9 +59,8 @@ def test_delayed_crosstalk_is_its_equation():
     assert len(mine) == 4
     found = np.asarray(simulate(model, recording).states)[:, mine]
     pace, late = LAM / C_TH, 1.0 / 2.0
-    a = np.array(
-        [[-1.4 * pace, 0, 0.4 * pace, 0], [0, -1.4 * pace, 0, 0.4 * pace], [0, late, -late, 0], [late, 0, 0, -late]]
-    )
+    toward = np.array([[0.0, 1.0], [1.0, 0.0]]) if law == "delayed" else np.full((2, 2), 0.5)
+    a = np.block([[-1.4 * pace * np.eye(2), 0.4 * pace * np.eye(2)], [late * toward, -late * np.eye(2)]])
     z, wanted = np.zeros(4), [np.zeros(4)]
     for v in volts[:-1]:
         rest = np.linalg.solve(a, -np.array([v**2, 0.09 * v**2, 0.0, 0.0]) / R / C_TH)
@@ -68,7 +70,36 @@ def test_delayed_crosstalk_is_its_equation():
     balance = energy_balance(model, recording)
     np.testing.assert_allclose(balance["lost"] + balance["stored"], balance["supplied"], rtol=1e-9)
     rest = model.initial(temperature=jnp.array([4.0, 1.0]))
-    np.testing.assert_allclose(np.asarray(rest)[mine], [4.0, 1.0, 1.0, 4.0])
+    np.testing.assert_allclose(np.asarray(rest)[mine], [4.0, 1.0, *(toward @ [4.0, 1.0])])
+
+
+def test_a_frame_that_loses_heat_itself_is_one_that_does_not():
+    """C_f dT_f/dt = G (T_1 - T_f) + G (T_2 - T_f) - L T_f, taking G (T_i - T_f) from each: with the exchange
+    G 2G/(2G + L), the time constant C_f/(2G + L) and the rest of the loss the actuators' own, it is the law frame.
+    """
+    g, lost, capacity, dt = 0.3 * LAM, 0.2 * LAM, 0.7 * C_TH, 0.05
+    whole = 2 * g + lost
+    base = presets.aaa(PLANT, pulley_radius=0.015)
+    structure = extended(base.structure, "thermal_crosstalk")
+    laws = [3.0 * (m.name == "thermal_crosstalk") for m in structure.mechanisms]
+    gone = LAM + g * lost / whole
+    own = {
+        "newton_cooling.conductance": gone,
+        "thermal_crosstalk.exchange": g * 2 * g / whole / gone,
+        "thermal_crosstalk.time_constant": capacity / whole,
+    }
+    model = Model(structure, laws=laws).replace(base.values() | own)
+    time = np.arange(0, 20, dt)
+    volts = np.where(time < 12, 8.0, 0.0)
+    recording = recorded(time, {"voltage_agonist_V": volts, "voltage_antagonist_V": 0.3 * volts})
+    found = np.asarray(simulate(model, recording).states[:, :2])
+    a = np.array([[-LAM - g, 0, g], [0, -LAM - g, g], [g, g, -whole]]) / np.array([[C_TH], [C_TH], [capacity]])
+    z, wanted = np.zeros(3), [np.zeros(2)]
+    for v in volts[:-1]:
+        rest = np.linalg.solve(a, -np.array([v**2, 0.09 * v**2, 0.0]) / R / C_TH)
+        z = rest + scipy.linalg.expm(a * dt) @ (z - rest)
+        wanted.append(z[:2])
+    np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-10)
 
 
 def test_crosstalk_by_radiation_is_its_equation():

@@ -15,12 +15,14 @@ class ThermalCrosstalk(Mechanism):
     equation = (
         "C_th dT_1/dt = P_1 - lambda_1 T_1 - g lambda (T_1 - T_2), and the same for 2; lambda: mean of both;  "
         "law delayed: T_1 - a_1 in place of T_1 - T_2, tau da_1/dt = T_2 - a_1;  law radiation: "
-        "((T_0 + T_1)^4 - (T_0 + T_2)^4)/(4 T_0^3) in place of T_1 - T_2, T_0: ambient"
+        "((T_0 + T_1)^4 - (T_0 + T_2)^4)/(4 T_0^3) in place of T_1 - T_2, T_0: ambient;  law frame: T_1 - a in place "
+        "of T_1 - T_2, tau da/dt = (T_1 + T_2)/2 - a"
     )
     source = (
         "lumped exchange between two bodies: Incropera, Fundamentals of Heat and Mass Transfer, ch. 3; delayed: the "
         "air around each takes on the other's temperature as a well-mixed volume, ch. 5 there; radiation "
-        "between two surfaces: ch. 13 there"
+        "between two surfaces: ch. 13 there; frame: both are clamped to one body of a heat capacity of its own, "
+        "ch. 5 there (what it loses to the room counts as the actuators' own loss)"
     )
     says = "Heat flows from the warmer muscle of the joint to the other, through the air and the mount between them."
     needs = ("thermal", "joint")
@@ -40,7 +42,7 @@ class ThermalCrosstalk(Mechanism):
             name="time_constant",
             symbol="τ",
             unit="s",
-            description="time in which the warmth of one reaches the other (law delayed)",
+            description="time in which the warmth of one reaches the other (law delayed), or of both the frame",
             typical=0.2,
             bounds=(0.01, 10.0),
             null=0.2,
@@ -48,8 +50,8 @@ class ThermalCrosstalk(Mechanism):
             time="response",
         ),
     )
-    laws = ("direct", "delayed", "radiation")
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"time_constant": (1,)}
+    laws = ("direct", "delayed", "radiation", "frame")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"time_constant": (1, 3)}
     states = ("air_temperature",)
     starts = ((0.3, 0.2),)
 
@@ -57,14 +59,21 @@ class ThermalCrosstalk(Mechanism):
         if view.temperature.ndim == 0:  # alone, there is no other
             return jnp.zeros_like(view.temperature)
         between = jnp.mean(p.exchange * view.shared["conductance"])
-        if_direct = jnp.where(p.law == 1, view.own[0], view.temperature[::-1]) - view.temperature
+        late = (p.law == 1) | (p.law == 3)
+        if_direct = jnp.where(late, view.own[0], view.temperature[::-1]) - view.temperature
         return between * jnp.where(p.law == 2, _radiated(view)[::-1] - _radiated(view), if_direct)
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
-        return (jnp.where(p.law == 1, (_other(view) - view.own[0]) / p.time_constant, 0.0),)
+        late = (p.law == 1) | (p.law == 3)
+        return (jnp.where(late, (_nearby(p, view) - view.own[0]) / p.time_constant, 0.0),)
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
-        return (_other(view),)
+        return (_nearby(p, view),)
+
+
+def _nearby(p: Values, view: View) -> Side:
+    """What the air takes on: the other's temperature; the frame: the mean of both."""
+    return jnp.where(p.law == 3, 0.5 * (view.temperature + _other(view)), _other(view))
 
 
 def _radiated(view: View) -> Side:
