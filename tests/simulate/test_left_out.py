@@ -73,6 +73,26 @@ def test_crosstalk_through_what_is_between_is_its_equation(law):
     np.testing.assert_allclose(np.asarray(rest)[mine], [4.0, 1.0, *(toward @ [4.0, 1.0])])
 
 
+def test_a_plume_warms_one_and_cools_none():
+    base = presets.aaa(PLANT, pulley_radius=0.015)
+    structure = extended(base.structure, "thermal_crosstalk")
+    laws = [4.0 * (m.name == "thermal_crosstalk") for m in structure.mechanisms]
+    time = np.arange(0, 20, 0.05)
+    volts = np.where(time < 12, 8.0, 0.0)
+    recording = recorded(time, {"voltage_agonist_V": volts, "voltage_antagonist_V": 0.3 * volts})
+    for lean in (1.0, -0.4):
+        own = {"thermal_crosstalk.exchange": 0.4, "thermal_crosstalk.lean": lean}
+        model = Model(structure, laws=laws).replace(base.values() | own)
+        found = np.asarray(simulate(model, recording).states[:, :2])
+        a = np.array([[-1.0, 0.4 * (1 - lean)], [0.4 * (1 + lean), -1.0]]) * LAM / C_TH
+        z, wanted = np.zeros(2), [np.zeros(2)]
+        for v in volts[:-1]:
+            rest = np.linalg.solve(a, -np.array([v**2, 0.09 * v**2]) / R / C_TH)
+            z = rest + scipy.linalg.expm(a * 0.05) @ (z - rest)
+            wanted.append(z)
+        np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-12)
+
+
 def test_a_frame_that_loses_heat_itself_is_one_that_does_not():
     """C_f dT_f/dt = G (T_1 - T_f) + G (T_2 - T_f) - L T_f, taking G (T_i - T_f) from each: with the exchange
     G 2G/(2G + L), the time constant C_f/(2G + L) and the rest of the loss the actuators' own, it is the law frame.

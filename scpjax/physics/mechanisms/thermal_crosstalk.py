@@ -16,13 +16,15 @@ class ThermalCrosstalk(Mechanism):
         "C_th dT_1/dt = P_1 - lambda_1 T_1 - g lambda (T_1 - T_2), and the same for 2; lambda: mean of both;  "
         "law delayed: T_1 - a_1 in place of T_1 - T_2, tau da_1/dt = T_2 - a_1;  law radiation: "
         "((T_0 + T_1)^4 - (T_0 + T_2)^4)/(4 T_0^3) in place of T_1 - T_2, T_0: ambient;  law frame: T_1 - a in place "
-        "of T_1 - T_2, tau da/dt = (T_1 + T_2)/2 - a"
+        "of T_1 - T_2, tau da/dt = (T_1 + T_2)/2 - a;  law plume: + g lambda (1 - b) T_2 for 1, + g lambda (1 + b) T_1 "
+        "for 2"
     )
     source = (
         "lumped exchange between two bodies: Incropera, Fundamentals of Heat and Mass Transfer, ch. 3; delayed: the "
         "air around each takes on the other's temperature as a well-mixed volume, ch. 5 there; radiation "
         "between two surfaces: ch. 13 there; frame: both are clamped to one body of a heat capacity of its own, "
-        "ch. 5 there (what it loses to the room counts as the actuators' own loss)"
+        "ch. 5 there (what it loses to the room counts as the actuators' own loss); plume: air "
+        "that one has warmed, and that has left it anyway, flows past the other: Incropera ch. 9"
     )
     says = "Heat flows from the warmer muscle of the joint to the other, through the air and the mount between them."
     needs = ("thermal", "joint")
@@ -49,11 +51,22 @@ class ThermalCrosstalk(Mechanism):
             spread=2.0,
             time="response",
         ),
+        Parameter(
+            name="lean",
+            symbol="b",
+            unit="1",
+            description="how one-sided it is: 1 if only the first warms the second, -1 if only the second the first",
+            typical=0.5,
+            bounds=(-1.0, 1.0),
+            null=0.0,
+            scale="linear",
+            spread=0.7,
+        ),
     )
-    laws = ("direct", "delayed", "radiation", "frame")
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"time_constant": (1, 3)}
+    laws = ("direct", "delayed", "radiation", "frame", "plume")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"time_constant": (1, 3), "lean": (4,)}
     states = ("air_temperature",)
-    starts = ((0.3, 0.2),)
+    starts = ((0.3, 0.2, 0.0),)
 
     def heat(self, p: Values, view: View) -> Side:
         if view.temperature.ndim == 0:  # alone, there is no other
@@ -61,7 +74,9 @@ class ThermalCrosstalk(Mechanism):
         between = jnp.mean(p.exchange * view.shared["conductance"])
         late = (p.law == 1) | (p.law == 3)
         if_direct = jnp.where(late, view.own[0], view.temperature[::-1]) - view.temperature
-        return between * jnp.where(p.law == 2, _radiated(view)[::-1] - _radiated(view), if_direct)
+        exchanged = jnp.where(p.law == 2, _radiated(view)[::-1] - _radiated(view), if_direct)
+        reaching = 1.0 + jnp.mean(p.lean) * jnp.array([-1.0, 1.0])
+        return between * jnp.where(p.law == 4, reaching * view.temperature[::-1], exchanged)
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
         late = (p.law == 1) | (p.law == 3)
