@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from fits.concealed.effects.registry import CATALOGUE, OUTSIDE
 from fits.concealed.score import GOOD, HARMLESS, Score
 
 SEEN = ("moderate", "strong")
@@ -123,9 +124,10 @@ def by_verdict(scores: Iterable[Score]) -> dict[str, tuple[int, int]]:
 
 
 def confusion(scores: Sequence[Score]) -> tuple[list[str], list[str], np.ndarray]:
-    """(effects, what was said, counts) of single effects and of those outside the catalogue."""
+    """(effects, what was said, counts) of single effects, in the order of the catalogue, nothing, and those outside."""
     chosen = [s for s in scores if s.sort in ("single", "foreign", "outside", "null")]
-    effects = list(dict.fromkeys(s.effects[0] if s.effects else "nothing" for s in chosen))
+    found = dict.fromkeys(s.effects[0] if s.effects else "nothing" for s in chosen)
+    effects = sorted(found, key=lambda e: (*_ORDER, e).index(e))
     said = [_said(s) for s in chosen]
     order = [e for e in effects if e in said and e not in _SILENT]
     columns = order + sorted(set(said) - set(order) - set(_SILENT)) + [w for w in _SILENT if w in said]
@@ -135,6 +137,7 @@ def confusion(scores: Sequence[Score]) -> tuple[list[str], list[str], np.ndarray
     return effects, columns, counts
 
 
+_ORDER = (*CATALOGUE, "nothing", *OUTSIDE)
 _SILENT = ("nothing", "something unnamed", "several", "no answer")
 
 
