@@ -131,7 +131,8 @@ def _patience(parser: argparse.ArgumentParser, of: str = "") -> None:
         "--minutes",
         metavar="M",
         type=_minutes,
-        help=f"after which no other names are sought{of} where none has reached the noise (default: {MINUTES:g})",
+        help=f"after which no other names are sought{of} where none has reached the noise, a second one apart "
+        f"(default: {MINUTES:g})",
     )
 
 

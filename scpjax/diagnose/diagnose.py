@@ -41,8 +41,8 @@ from scpjax.recordings.recording import Recording
 class DiagnoseOptions:
     """``evidence``: what it takes to be named. ``order``, ``substeps``, ``bin`` of the simulation as of a fit.
     ``next``: limits within which an experiment is designed that separates what is left close (None: none is).
-    ``patience``: seconds after which no other explanation is sought where none has reached the noise; what is left to
-    be done then may take some minutes."""
+    ``patience``: seconds after which no other explanation is sought where none has reached the noise, a second name
+    apart; what is left to be done then may take some minutes."""
 
     evidence: Evidence = field(default_factory=Evidence)
     order: int = 2

@@ -33,6 +33,7 @@ Progress = Callable[[str, float], None]
 
 _CLOSE = 20.0  # difference of BIC (10 nats) up to which two mechanisms are close
 _BEHIND = 10.0  # difference of BIC (5 nats) from which a mechanism is behind another
+_SURE = 2  # rounds that are gone however long they take: without a second name a first one is often given up
 _WAYS = 2  # gone at a time
 _ATTEMPTS = 4  # names tried for them
 _OTHERS = 2  # gone where the best one ends away from the noise
@@ -109,7 +110,8 @@ def choose(
     patience: Patience | None = None,
 ) -> Choice:
     """Forward selection with pruning, from the base hypothesis; ``catalogue`` is the problem with every candidate.
-    ``enough(first)`` says whether to end with the first name; no further round or way is begun out of ``patience``.
+    ``enough(first)`` says whether to end with the first name; out of ``patience`` neither a third
+    round nor another way is begun.
 
     Where two mechanisms are close and neither reaches the noise, both ways are gone one round further. Where the way
     ends away from the noise, others that had evidence in the first round are gone too: one mechanism that imitates two
@@ -125,7 +127,7 @@ def choose(
     rounds: list[list[_Tried]] = []
     leaders: list[_Branch] = []
     for round_ in range(1, rules.most + 1):
-        if leaders and search.patience.over():
+        if len(leaders) >= _SURE and search.patience.over():
             break
         tell("every mechanism", round_)
         rounds.append([_tried(search, way, round_, tell) for way in branches])

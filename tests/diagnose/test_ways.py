@@ -62,12 +62,12 @@ def test_where_two_are_close_the_next_round_decides(monkeypatch):
     assert set(asked) == {(), ("a",), ("b",)}
 
 
-def test_out_of_patience_no_further_round_or_way_is_begun(monkeypatch):
-    """What the first round found is told; at the noise nothing was left, and nothing is said."""
-    asked = played(monkeypatch, {"a": 500.0, "b": 510.0, "ac": 300.0, "bc": 1.0})
+def test_out_of_patience_no_third_round_or_other_way_is_begun(monkeypatch):
+    """What two rounds found is told; at the noise nothing was left, and nothing is said."""
+    asked = played(monkeypatch, {"a": 500.0, "b": 560.0, "ab": 300.0, "bc": 200.0, "abc": 1.0})
     patience = Patience(0.0)
     found = select.choose(Played((), 1000.0), None, Evidence(), None, patience=patience)  # type: ignore[arg-type]
-    assert (found.state.names, asked) == (("a",), [()])
+    assert (found.state.names, asked) == (("a", "b"), [(), ("a",)])
     assert "--minutes" in patience.notes()[0]
     played(monkeypatch, {"a": 1.0})
     patience = Patience(0.0)
