@@ -110,8 +110,8 @@ def choose(
     patience: Patience | None = None,
 ) -> Choice:
     """Forward selection with pruning, from the base hypothesis; ``catalogue`` is the problem with every candidate.
-    ``enough(first)`` says whether to end with the first name; out of ``patience`` neither a third
-    round nor another way is begun.
+    ``enough(first)`` says whether to end with the first name; out of ``patience`` neither a third round nor another way
+    is begun.
 
     Where two mechanisms are close and neither reaches the noise, both ways are gone one round further. Where the way
     ends away from the noise, others that had evidence in the first round are gone too: one mechanism that imitates two

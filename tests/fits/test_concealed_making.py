@@ -209,6 +209,7 @@ def test_the_plan_is_what_was_asked():
     chosen = generate.choose(subset=True)
     assert 35 <= len(chosen) <= 45
     assert {e for c in chosen for e, _ in c.effects} >= NAMES
+    assert listing.seen() <= {c.name for c in cases}  # a further draw leaves the earlier ones as they were
     unseen = generate.choose(unseen=True)
     assert [c for c in cases if c.name not in listing.seen()] == unseen
     few = generate.choose(unseen=True, number=20)

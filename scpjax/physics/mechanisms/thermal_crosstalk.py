@@ -55,7 +55,8 @@ class ThermalCrosstalk(Mechanism):
             name="lean",
             symbol="b",
             unit="1",
-            description="how one-sided it is: 1 if only the first warms the second, -1 if only the second the first",
+            description="how one-sided it is: 1 if only the agonist warms the other, -1 if only the antagonist does "
+            "(law plume)",
             typical=0.5,
             bounds=(-1.0, 1.0),
             null=0.0,
@@ -72,18 +73,21 @@ class ThermalCrosstalk(Mechanism):
         if view.temperature.ndim == 0:  # alone, there is no other
             return jnp.zeros_like(view.temperature)
         between = jnp.mean(p.exchange * view.shared["conductance"])
-        late = (p.law == 1) | (p.law == 3)
-        if_direct = jnp.where(late, view.own[0], view.temperature[::-1]) - view.temperature
+        if_direct = jnp.where(_is_late(p), view.own[0], view.temperature[::-1]) - view.temperature
         exchanged = jnp.where(p.law == 2, _radiated(view)[::-1] - _radiated(view), if_direct)
         reaching = 1.0 + jnp.mean(p.lean) * jnp.array([-1.0, 1.0])
         return between * jnp.where(p.law == 4, reaching * view.temperature[::-1], exchanged)
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
-        late = (p.law == 1) | (p.law == 3)
-        return (jnp.where(late, (_nearby(p, view) - view.own[0]) / p.time_constant, 0.0),)
+        return (jnp.where(_is_late(p), (_nearby(p, view) - view.own[0]) / p.time_constant, 0.0),)
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
         return (_nearby(p, view),)
+
+
+def _is_late(p: Values) -> Side:
+    """Whether heat goes through what is between them and warms itself: laws delayed and frame."""
+    return (p.law == 1) | (p.law == 3)
 
 
 def _nearby(p: Values, view: View) -> Side:
