@@ -15,7 +15,7 @@ from scpjax.diagnose.expression import describe
 from scpjax.diagnose.final import fitted_to_all, resolved
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.locate import Binned, locate
-from scpjax.diagnose.outside import AT_NOISE, MOST, balance_of, form_at_most, level
+from scpjax.diagnose.outside import AT_NOISE, balance_of, form_at_most, level, takes_most
 from scpjax.diagnose.result import FREE, Closure, Diagnosis, Drawn, Latent, Named, Scores, Verdict
 from scpjax.diagnose.rhythm import Rhythm
 from scpjax.diagnose.select import Choice
@@ -76,7 +76,8 @@ def answer(
     elif learned is not None:
         closure = describe(learned, every, fitted.values())
     named = _named(choice, every) + _by_curve(choice, learned, closure)
-    subsystem = swing.subsystem if swing else _subsystem(choice, closure, lacking)
+    most = learned is not None and takes_most(base, learned.state, parts)
+    subsystem = swing.subsystem if swing else _subsystem(choice, closure if most else None, lacking)
     left = level(replace(state, residual=residual_on(final, fine.whole, problem)), parts)
     verdict, says = _verdict(base, choice.state, state, parts, named, closure, left)
     if swing:
@@ -187,8 +188,10 @@ def _nearest(choice: Choice) -> tuple[str, ...]:
     names, left = choice.given_up
     if not names:
         return ()
-    stays = f"{100 * left:.0f} % of the misfit of the held-out stretches stays"
-    return (f"nearest in the catalogue: {' with '.join(names)}; not named, for with it {stays}",)
+    why = f"with it {100 * left:.0f} % of the misfit of the held-out stretches stays"
+    if choice.overstretched:
+        why = f"the recordings ask for more than the law of {' and '.join(choice.overstretched)} allows"
+    return (f"nearest in the catalogue: {' with '.join(names)}; not named, for {why}",)
 
 
 def _repeating(swing: Rhythm | None) -> dict[str, float]:
@@ -217,13 +220,13 @@ def _of(swing: Rhythm | None) -> tuple[str, ...]:
 
 def _subsystem(choice: Choice, closure: Closure | None, lacking: Sequence[Latent]) -> str:
     """The balance of the mechanism that removes most; without one, that which best answers for the misfit, among those
-    that a closure stands for, if one was learned that explains most of it.
+    that ``closure`` stands for, if one was learned that takes most of it.
     """
     if choice.free:
         return mechanism(choice.free).subsystem
     if choice.state.names:
         return choice.state.setup.structure.mechanism(choice.state.names[0]).subsystem
-    if closure is None or closure.held_out_gain < MOST:
+    if closure is None:
         return lacking[0].subsystem
     if closure.depends_on != ("drive",):
         return closure.subsystem

@@ -16,7 +16,7 @@ from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.screen import screen
 from scpjax.diagnose.select import Choice, prune
-from scpjax.diagnose.trials import FAR, State, afresh, at_noise, in_order, under_every_law, without
+from scpjax.diagnose.trials import FAR, State, afresh, at_noise, in_order, moving, strained, under_every_law, without
 from scpjax.fit.setup import Setup
 
 _BY_PROMISE, _BY_RANK = 2, 1  # tried in the place of a name
@@ -29,12 +29,12 @@ _PROMISE = 0.3  # of what the name promises beside the others, which one that is
 def exchanged(
     choice: Choice, base: State, split: Split, rules: Evidence, catalogue: Setup, patience: Patience | None = None
 ) -> Choice:
-    """The choice with names in whose place another does better beside the rest, and as equivalents those that do as
-    well; nothing for a single name, which its own round has compared. Away from the noise no name is asked for out of
-    ``patience``.
+    """The choice with names in whose place another does better beside the rest, or predicts the same with fewer
+    parameters, and as equivalents those that do as well; nothing for a single name, which its own round has compared.
+    Away from the noise no name is asked for out of ``patience``.
 
-    Away from the noise every name is asked for its law again first, where all stand and beside the rest without it, and
-    once more where that has changed.
+    Away from the noise, or where a parameter stands at its limit, every name is asked for its law again first, where
+    all stand and beside the rest without it, and once more where that has changed.
     """
     if len(choice.state.names) < 2:
         return choice
@@ -53,13 +53,13 @@ def exchanged(
 
 
 def _laws_again(state: State, split: Split, rules: Evidence, patience: Patience) -> State:
-    """Every name under the law that does best beside the others, from where they stand, as long as that is away from
-    the noise and something changes.
+    """Every name under the law that does best beside the others, from where they stand, as long as something changes
+    and they are away from the noise or one asks for more than its law allows: the law of another may be wrong then.
     """
     for _ in range(_PASSES):
         before = state
         for name in state.names:
-            if not _is_far(state, split) or patience.over():
+            if not (_is_far(state, split) or strained(state)) or patience.over():
                 return state
             other = under_every_law(state, name, split)
             if is_better(other, state, split, rules):
@@ -97,21 +97,29 @@ def _each_exchanged(
         others = in_its_place(name, bare, choice.ranking, split, rules, catalogue, far=far)
         tried = ([name] if far else []) + [o for o in others if (name, o) not in hopeless]
         beside = partial(_beside, bare, state=state, base=base, split=split, rules=rules)
-        for other, after in zip(tried, abreast(beside, tried), strict=True):
+        for other, beside_it in zip(tried, abreast(beside, tried), strict=True):
+            after = beside_it
             if after is None or after.cost > _HOPELESS * state.cost:
                 hopeless.add((name, other))
                 continue
-            if not (is_better(after, state, split, rules) or (other != name and alike(after, state))):
+            same = other != name and alike(after, state)
+            if same and far:  # the laws of the others were chosen beside what was named
+                after = _laws_again(after, split, rules, patience)
+            if not (same or is_better(after, state, split, rules)):
                 continue
             after = prune(after, split, rules)
             if other in after.names and (other != name or is_better(after, state, split, rules)):
                 found[other] = after
         best = name
         for other, after in found.items():
-            if other != best and is_better(after, found[best], split, rules):
+            simpler = moving(after) < moving(found[best]) and alike(after, found[best])
+            if other != best and (simpler or is_better(after, found[best], split, rules)):
                 best = other
         equal = [o for o, s in found.items() if o != best and alike(s, found[best])]
-        choice = _with(choice, found[best], name, best, equal)
+        after = found[best]
+        if best != name == state.names[0]:  # in its place also in the order in which they are told of
+            after = in_order(after, best, split)
+        choice = _with(choice, after, name, best, equal)
     return choice
 
 

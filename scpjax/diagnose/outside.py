@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from scpjax.diagnose.closure import Learned, learn
-from scpjax.diagnose.curve import Curve, bend
+from scpjax.diagnose.closure import Learned, learn, offers
+from scpjax.diagnose.curve import CURVES, Curve, bend
 from scpjax.diagnose.evidence import Evidence, at_its_least, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Latent
 from scpjax.diagnose.select import Choice
-from scpjax.diagnose.trials import State, misfit, without
-from scpjax.fit.identifiability import estimates, uncertainty
+from scpjax.diagnose.trials import State, misfit, strained, without
+from scpjax.fit.identifiability import at_limit, estimates, uncertainty
+from scpjax.physics.catalogue import mechanism
 
 AT_NOISE = 1.15  # ratio of residual to noise, in some column, up to which nothing more is asked for
 _LITTLE_LEFT = 0.05  # of the held-out misfit in excess of the noise: what names may leave unsought
@@ -24,7 +26,10 @@ _NO_SCALE = 100.0  # ratio of the base model's residual to noise, above which th
 _HALF = 0.5  # of the misfit: what names may leave there
 _BEHIND = 0.05  # of the misfit, by which a balance may answer for less than the best and be in question too
 _COMPLETE = 0.1  # of the misfit: what a closure alone may leave to be an explanation in place of names
-MOST = 0.5  # held-out gain from which a closure says where the misfit lies
+_MOST = 0.25  # of the held-out misfit, up to which a closure may leave and say where it lies: half in root mean square
+_DETERMINED = (
+    0.25  # standard deviation of a parameter, of half the range that its bounds leave, below which it is known
+)
 _FAR_BETTER = 0.5  # ratio of what it leaves to what the names leave, below which they are false
 
 
@@ -62,7 +67,13 @@ def nothing_explains(base: State, choice: Choice, learned: Learned | Curve | Non
     """Whether something is missing, no name is given, and no closure takes away most of it."""
     if choice.state.names or choice.free or level(base, parts) <= AT_NOISE:
         return False
-    return learned is None or learned.evidence.held_out_gain < MOST
+    return learned is None or not takes_most(base, learned.state, parts)
+
+
+def takes_most(base: State, state: State, parts: Split) -> bool:
+    """Whether a closure beyond the base model takes away so much of the misfit that it says where that lies."""
+    held = parts.is_held
+    return _unexplained(state, held) <= _MOST * _unexplained(base, held)
 
 
 def form_at_most(base: State, state: State, parts: Split) -> bool:
@@ -78,10 +89,24 @@ def beyond_names(
 
     Names are false if a closure without them does far better on the held-out misfit, and explains nearly all of it or
     they leave much; or if they leave much that stands clearly above the noise, where that is so small that no simple
-    law comes near it more than half. A closure is learned beyond the names that stay; in their balances, as a
-    correction of their laws, where they leave little. A last name that came where little was left is false if such a
-    correction does better in its place, and so is one of which beside the closure nothing stays.
+    law comes near it more than half; or if they ask for more than their laws allow. A closure is learned beyond the
+    names that stay; in their balances, as a correction of their laws, where they leave little. A last name that came
+    where little was left is false if such a correction does better in its place, and so is one of which beside the
+    closure nothing stays.
     """
+    ends = _asking_for_more(choice.state, parts)
+    if ends:
+        fewer, learned = _without_them(parts, base, _fewer(choice, ends, base, parts), rules, where)
+        return _told_of(fewer, choice, ends, base, parts), learned
+    return _without_them(parts, base, choice, rules, where)
+
+
+def _without_them(
+    parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str]
+) -> tuple[Choice, Learned | Curve | None]:
+    """What is to be said of names of which none asks for more than its law allows."""
+    if level(choice.state, parts) <= AT_NOISE:
+        return form_rather_than_name(parts, base, choice, rules)
     choice, learned = _beyond(parts, base, choice, rules, where)
     if learned is None:
         return choice, None
@@ -89,10 +114,22 @@ def beyond_names(
     gone = [n for n in choice.state.names if _nothing_stays(learned.state, n, parts, at_least_only=corrected)]
     if not gone:
         return choice, learned
+    return _beyond(parts, base, _fewer(choice, gone, base, parts), rules, where)
+
+
+def _fewer(choice: Choice, gone: Sequence[str], base: State, parts: Split) -> Choice:
+    """The choice without some of its names."""
     state = choice.state
     for name in gone:
         state = without(state, name, parts)
-    return _beyond(parts, base, choice.with_only(state), rules, where)
+    return choice.with_only(state) if state.names else Choice(base, choice.ranking, {}, {})
+
+
+def _told_of(choice: Choice, before: Choice, ends: tuple[str, ...], base: State, parts: Split) -> Choice:
+    """The choice with what is told of names that asked for more than their laws allow."""
+    names = before.state.names if not choice.state.names else ends
+    left = _unexplained(before.state, parts.is_held) / max(_unexplained(base, parts.is_held), 1e-300)
+    return replace(choice, given_up=(names, left), overstretched=ends)
 
 
 def _beyond(
@@ -137,12 +174,52 @@ def form_rather_than_name(
     parts: Split, base: State, choice: Choice, rules: Evidence
 ) -> tuple[Choice, Learned | Curve | None]:
     """What is to be said when the names reach the noise: a last name that came where little was left is false if a
-    correction of the form of the others' laws has more evidence in its place and predicts better.
+    correction of the form of the others' laws has more evidence in its place and predicts better. So are all where one
+    asks for more than its law allows, if a closure that is none of them does.
     """
+    ends = _asking_for_more(choice.state, parts)
+    if ends:
+        alone = learn(base, parts, rules, _balances(choice.state))  # few terms: a law may have no more parameters
+        other = alone is not None and _is_none_of(alone, choice.state)
+        if alone is not None and other and is_better(alone.state, choice.state, parts, rules):
+            none = Choice(base, choice.ranking, {}, {})
+            return _told_of(none, choice, ends, base, parts), alone
     fewer, corrected = _corrected_rather_than_named(parts, base, choice, rules)
     if corrected is None or not is_better(corrected.state, choice.state, parts, rules):
         return choice, None
     return fewer, corrected
+
+
+def _asking_for_more(state: State, parts: Split) -> tuple[str, ...]:
+    """Names of which a parameter stands at its limit though the recordings determine it: something else is imitated."""
+    suspects = strained(state)
+    if not suspects:
+        return ()
+    space, bounds = state.setup.space, state.setup.space.bounds
+    doubt = uncertainty(state.trial, parts.train, space)
+    std = dict(zip(doubt.keys, doubt.std_free, strict=True))
+    free, half = np.asarray(state.trial.free[:-1]), np.asarray(bounds.half)
+    slope = 1.0 - np.tanh(free / half) ** 2  # the bounds flatten it
+    ends = at_limit(state.trial, space)
+    found = {
+        s.mechanism
+        for s in state.setup.structure.slots
+        if ends[s.index] and s.key in std and std[s.key] * slope[s.index] < _DETERMINED * half[s.index]
+    }
+    return tuple(n for n in suspects if n in found)
+
+
+def _is_none_of(learned: Learned | Curve, state: State) -> bool:
+    """Whether a closure depends on what no law of a name of ``state`` would: a term of it on other variables than a
+    curve that is the name.
+    """
+    if isinstance(learned, Curve):
+        return not set(learned.form.names) & set(state.names)
+    forms = [f for m in map(mechanism, CURVES) for f in m.forms]  # pyright: ignore[reportAttributeAccessIssue]
+    named = [{f.factor, f.variable} - {""} for f in forms if set(f.names) & set(state.names)]
+    terms = {o.key: o.term for o in offers(learned.state.setup)}
+    variables = [{v.replace("drive", "effort") for v in terms[key].variables} for key in learned.terms]
+    return not all(v in named for v in variables)
 
 
 def balance_of(subsystem: str) -> str:
@@ -152,7 +229,12 @@ def balance_of(subsystem: str) -> str:
 
 def _correction(state: State, parts: Split, rules: Evidence) -> Learned | Curve | None:
     """What is learned in the balances of the named mechanisms."""
-    return closure(state, parts, rules, [balance_of(state.setup.structure.mechanism(n).subsystem) for n in state.names])
+    return closure(state, parts, rules, _balances(state))
+
+
+def _balances(state: State) -> list[str]:
+    """Where the names of a hypothesis act."""
+    return [balance_of(state.setup.structure.mechanism(n).subsystem) for n in state.names]
 
 
 def _corrected_rather_than_named(

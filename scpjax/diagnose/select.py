@@ -43,7 +43,8 @@ _OTHERS = 2  # gone where the best one ends away from the noise
 class Choice:
     """How it ended: the hypothesis chosen, all that was tried, and what could stand in for what.
 
-    ``given_up``: names that came nearest and are none, and the share of the held-out misfit that they left.
+    ``given_up``: names that came nearest and are none, and the share of the held-out misfit that they left;
+    ``overstretched``: those of them that asked for more than their laws allow.
     ``free``: the name of a mechanism that a learned curve is, which the hypothesis does not hold.
     """
 
@@ -52,6 +53,7 @@ class Choice:
     probability: dict[str, float]
     equivalents: dict[str, tuple[str, ...]]
     given_up: tuple[tuple[str, ...], float] = ((), 0.0)
+    overstretched: tuple[str, ...] = ()
     free: str = ""
 
     def with_only(self, state: State) -> Choice:

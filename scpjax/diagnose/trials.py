@@ -13,6 +13,7 @@ import numpy as np
 
 from scpjax.diagnose.holdout import Split
 from scpjax.fit.data import Data
+from scpjax.fit.identifiability import at_limit
 from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.setup import Setup, carry, laws_that_can_act, restructured
 from scpjax.fit.solve import binned_of, solve_all
@@ -240,6 +241,15 @@ def from_their_starts(setup: Setup, laws: np.ndarray) -> list[np.ndarray]:
         if not any(np.array_equal(value, other) for other in out):
             out.append(value)
     return out
+
+
+def strained(state: State) -> tuple[str, ...]:
+    """Names of which a parameter, other than a time, stands at the end of its bounds: the recordings ask for more than
+    their laws allow, as they do where another effect is imitated. Times end there where recordings are too short.
+    """
+    ends = at_limit(state.trial, state.setup.space) & np.asarray(state.trial.active)
+    found = {s.mechanism for s in state.setup.structure.slots if ends[s.index] and not s.parameter.time}
+    return tuple(n for n in state.names if n in found)
 
 
 def without(state: State, name: str, split: Split) -> State:

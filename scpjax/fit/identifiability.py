@@ -114,6 +114,12 @@ def _open_directions(
     return int(np.sum(values > 1 / _OPEN**2)), tuple(sentences)
 
 
+def at_limit(trial: Trial, space: Space) -> np.ndarray:
+    """Which parameters, of those that have bounds on both sides, a trial has at the end of them."""
+    bounds = space.bounds
+    return np.asarray(bounds.finite) & (np.abs(np.tanh(trial.free[:-1] / np.asarray(bounds.half))) > _LIMIT)
+
+
 def estimates(trial: Trial, space: Space, u: Uncertainty) -> dict[str, Estimate]:
     """Estimates by key of the moving parameters (initial states left out), 95 % intervals on the natural scale."""
     out = {}
@@ -121,7 +127,7 @@ def estimates(trial: Trial, space: Space, u: Uncertainty) -> dict[str, Estimate]
     free = trial.free[:-1]
     value, slope = np.asarray(bounds.to_value(free)), np.asarray(bounds.slope(free))
     log, half = np.asarray(bounds.log), np.asarray(bounds.half)
-    limit = np.asarray(bounds.finite) & (np.abs(np.tanh(free / half)) > _LIMIT)
+    limit = at_limit(trial, space)
     position = {k: i for i, k in enumerate(space.keys)}
     for key, std_free in zip(u.keys, u.std_free, strict=True):
         if key.startswith("recording_"):

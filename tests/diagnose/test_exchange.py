@@ -28,12 +28,12 @@ CATALOGUE = SimpleNamespace(
 )
 
 
-def state(names, cost, law=""):
-    return SimpleNamespace(names=tuple(names), cost=cost, laws=dict.fromkeys(names, law))
+def state(names, cost, law="", width=2):
+    return SimpleNamespace(names=tuple(names), cost=cost, laws=dict.fromkeys(names, law), width=width)
 
 
 def again(s, cost):
-    return SimpleNamespace(names=s.names, cost=cost, laws=s.laws)
+    return SimpleNamespace(names=s.names, cost=cost, laws=s.laws, width=s.width)
 
 
 def chosen(names, cost):
@@ -47,11 +47,11 @@ def after_exchange(choice):
 @pytest.fixture
 def swaps(monkeypatch):
     """Costs of what stands in a name's place, what each promises, and what was tried."""
-    costs, promise, tried, fresh = {}, {"a": 100.0, "e": 90.0}, [], {}
+    costs, promise, tried, fresh, width = {}, {"a": 100.0, "e": 90.0}, [], {}, {}
 
     def by_law(bare, name, split, close=0.0):
         tried.append((*bare.names, name))
-        return {name: state([*bare.names, name], costs.get(name, 1e9))}
+        return {name: state([*bare.names, name], costs.get(name, 1e9), width=width.get(name, 2))}
 
     def screen(bare, split, catalogue, candidates):
         promises = [SimpleNamespace(mechanism=m, gain=promise.get(m.name, 0.0)) for m in candidates]
@@ -65,13 +65,16 @@ def swaps(monkeypatch):
     monkeypatch.setattr(exchange, "at_noise", lambda *_: True)
     monkeypatch.setattr(exchange, "under_every_law", lambda s, *_: s)
 
+    monkeypatch.setattr(exchange, "strained", lambda s: ())
+    monkeypatch.setattr(exchange, "moving", lambda s: s.width)
+
     def in_order(s, first, split):
-        return state([first, *(n for n in s.names if n != first)], s.cost)
+        return state([first, *(n for n in s.names if n != first)], s.cost, width=s.width)
 
     monkeypatch.setattr(exchange, "in_order", in_order)
     monkeypatch.setattr(exchange, "is_better", lambda a, b, *_: a.cost < b.cost)
     monkeypatch.setattr(exchange, "are_equal", lambda a, b, *_: abs(a.cost - b.cost) < 5.0)
-    return SimpleNamespace(costs=costs, promise=promise, tried=tried, fresh=fresh)
+    return SimpleNamespace(costs=costs, promise=promise, tried=tried, fresh=fresh, width=width)
 
 
 def test_out_of_patience_only_names_at_the_noise_are_exchanged(swaps, monkeypatch):
@@ -105,6 +108,16 @@ def test_away_from_the_noise_names_are_asked_for_their_laws_again(swaps, monkeyp
     assert found.state.cost == 30.0
     assert found.state.names == ("a", "e")
     assert found.probability == choice.probability
+
+
+def test_at_the_noise_laws_change_where_one_is_stretched(swaps, monkeypatch):
+    asked = []
+    monkeypatch.setattr(exchange, "under_every_law", lambda s, name, _: (asked.append(name), again(s, 90.0))[1])
+    assert after_exchange(chosen(("a", "e"), 100.0)).state.cost == 100.0
+    assert asked == []
+    monkeypatch.setattr(exchange, "strained", lambda s: ("e",) if s.cost > 95.0 else ())
+    assert after_exchange(chosen(("a", "e"), 100.0)).state.cost == 90.0
+    assert asked == ["a"], "and no longer than one is"
 
 
 def test_away_from_the_noise_laws_change_first_where_all_stand(swaps, monkeypatch):
@@ -202,8 +215,8 @@ def test_what_is_not_better_under_its_closest_law_may_be_equal_under_another(swa
 def test_a_better_one_takes_its_place_and_its_chance(swaps):
     swaps.costs["b"] = 50.0
     found = after_exchange(chosen(("a", "e"), 100.0))
-    assert found.state.names == ("e", "b")
-    assert found.probability == {"e": 0.9, "b": 0.9}
+    assert found.state.names == ("b", "e")
+    assert found.probability == {"b": 0.9, "e": 0.9}
     assert found.equivalents == {"e": (), "b": ()}
     assert swaps.tried == [("e", "b"), ("b", "a")]  # and what it took the place of, in the place of the other
     behind = chosen(("a", "e"), 100.0)
@@ -213,26 +226,50 @@ def test_a_better_one_takes_its_place_and_its_chance(swaps):
 
 def test_one_is_judged_by_where_it_comes_to_rest_with_base_parameters_that_nothing_has_bent(swaps):
     swaps.costs["b"], swaps.fresh["b"] = 150.0, 50.0
-    assert after_exchange(chosen(("a", "e"), 100.0)).state.names == ("e", "b")
+    assert after_exchange(chosen(("a", "e"), 100.0)).state.names == ("b", "e")
 
 
 def test_one_that_nobody_ranked_may_be_better(swaps):
     """Beside a name that came first and was wrong it had no evidence."""
     swaps.promise["g"] = 95.0
     swaps.costs["g"] = 50.0
-    assert after_exchange(chosen(("a", "e"), 100.0)).state.names == ("e", "g")
+    assert after_exchange(chosen(("a", "e"), 100.0)).state.names == ("g", "e")
 
 
 def test_one_that_does_as_well_is_told(swaps):
     swaps.costs |= {"b": 103.0, "f": 97.0}
     swaps.promise["f"] = 95.0
     found = after_exchange(chosen(("a", "e"), 100.0))
-    assert found.state.names == ("e", "f")  # better, if by little
+    assert found.state.names == ("f", "e")  # better, if by little
     assert found.equivalents == {"e": (), "f": ("a",)}
     swaps.costs["f"] = 104.0
     found = after_exchange(chosen(("a", "e"), 100.0))
     assert found.state.names == ("a", "e")
     assert found.equivalents == {"a": ("f", "b", "z"), "e": ("f",)}
+
+
+def test_one_that_does_as_well_with_fewer_parameters_takes_its_place(swaps):
+    swaps.costs |= {"b": 103.0}
+    swaps.width |= {"b": 1}
+    found = after_exchange(chosen(("a", "e"), 100.0))
+    assert found.state.names == ("b", "e")
+    assert found.equivalents["b"] == ("a",)
+    swaps.width |= {"b": 3}
+    assert after_exchange(chosen(("a", "e"), 100.0)).state.names == ("a", "e")
+
+
+def test_away_from_the_noise_one_that_does_as_well_may_be_better_beside_other_laws(swaps, monkeypatch):
+    """The laws of the others were chosen beside what it stands in the place of."""
+    monkeypatch.setattr(exchange, "at_noise", lambda s, *_: False)
+    swaps.costs |= {"b": 103.0}
+
+    def under_every_law(s, name, _):
+        return again(s, 40.0) if "b" in s.names and name == "e" else s
+
+    monkeypatch.setattr(exchange, "under_every_law", under_every_law)
+    found = after_exchange(chosen(("a", "e"), 100.0))
+    assert set(found.state.names) == {"b", "e"}
+    assert found.state.cost == 40.0
 
 
 def test_a_worse_one_changes_nothing(swaps):

@@ -11,16 +11,24 @@ from diagnose.creeping import AMBIENT, BASE
 from diagnose.heated import DRIVE, LOSS, TIME, base_of, nothing, recorded, rubbed_by_air
 
 from scpjax.diagnose import outside
-from scpjax.diagnose.answer import TRUSTED, _subsystem, answer
-from scpjax.diagnose.closure import learn, offers
+from scpjax.diagnose.answer import TRUSTED, _nearest, _subsystem, answer
+from scpjax.diagnose.closure import Learned, learn, offers
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.latent import Misfit, missing
 from scpjax.diagnose.locate import observe
-from scpjax.diagnose.outside import able, beyond_names, form_at_most, level
+from scpjax.diagnose.outside import (
+    AT_NOISE,
+    able,
+    beyond_names,
+    form_at_most,
+    form_rather_than_name,
+    level,
+    takes_most,
+)
 from scpjax.diagnose.rivals import added
 from scpjax.diagnose.select import Choice
-from scpjax.diagnose.trials import State
+from scpjax.diagnose.trials import State, strained
 from scpjax.physics.terms import Term
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -245,6 +253,46 @@ def test_a_name_that_the_data_do_not_tell_from_none_beside_the_closure_is_taken_
     )
     assert choice.state.names == (("ambient_drift",) if stays else ())
     assert found is learned
+
+
+def test_a_name_that_asks_for_more_than_its_law_allows_is_not_given():
+    """A loss T x^2 is, along one load, nearly one of T^3: of heat that grows with temperature it has the exponent at
+    its limit, beyond what air and glow can do.
+    """
+    base, parts = rubbed()
+    named = added(base, "nonlinear_heat_loss", parts)
+    assert level(base, parts) > 10.0
+    assert level(named, parts) < AT_NOISE
+    assert strained(named) == ("nonlinear_heat_loss",)
+    choice, learned = form_rather_than_name(
+        parts, base, Choice(named, (), {"nonlinear_heat_loss": 1.0}, {}), Evidence()
+    )
+    assert choice.state is base
+    assert choice.overstretched == ("nonlinear_heat_loss",)
+    assert isinstance(learned, Learned)
+    assert learned.terms == ("learned_heat.Tx2",)
+
+
+def test_away_from_the_noise_it_is_given_up_and_the_note_says_why(monkeypatch):
+    base, parts = rubbed()
+    named = added(base, "nonlinear_heat_loss", parts)
+    monkeypatch.setattr(outside, "AT_NOISE", 0.5)
+    monkeypatch.setattr(outside, "closure", lambda *_: None)
+    choice, learned = beyond_names(parts, base, Choice(named, (), {"nonlinear_heat_loss": 1.0}, {}), Evidence(), [])
+    assert choice.state.names == ()
+    assert learned is None
+    (note,) = _nearest(choice)
+    assert "the recordings ask for more than the law of nonlinear_heat_loss allows" in note
+    monkeypatch.setattr(outside, "_DETERMINED", 0.0)  # a limit where the data do not determine a value says nothing
+    kept, _ = beyond_names(parts, base, Choice(named, (), {"nonlinear_heat_loss": 1.0}, {}), Evidence(), [])
+    assert kept.state is named
+
+
+@pytest.mark.parametrize(("leaves", "says"), [(1.7, True), (2.2, False)])
+def test_a_closure_says_where_the_misfit_lies_by_what_it_takes_beyond_the_noise(leaves, says):
+    base, parts = rubbed()
+    flat = lambda level: replace(base, residual=np.full_like(base.residual, level))  # noqa: E731
+    assert takes_most(flat(np.sqrt(5.0)), flat(np.sqrt(leaves)), parts) == says
 
 
 def test_a_law_of_another_form_is_named_and_corrected():

@@ -38,7 +38,7 @@ def two_nodes(law):
 
     def rates(_t, z, u):
         t, x, v, t2, t3 = z
-        loss, loss2 = (0.0, LAM * t2) if law == 1 else (LAM * t, 0.0)
+        loss, loss2 = (0.0, LAM * t2) if law in (1, 5) else (LAM * t, 0.0)
         quickly, slowly = (1 - slow) * between * (t - t2), slow * between / ratio * (t - t3)
         first = (u / R - loss - quickly - slowly) / ((1 - share) * C_TH)
         second = (quickly - loss2) / ((1 - slow) * share * C_TH)
@@ -198,7 +198,7 @@ def test_mechanism_is_its_equation(case):
     found = simulate(model, recording, initial=start, method=Exponential(substeps=8))
     assert worst(found.states[:, np.array(mine)], wanted) < (2e-5 if case == ("hysteresis", 1) else 1e-6)
 
-    felt = {"sensor_lag": 3, "two_node_thermal": 3 if law == 1 else 0}.get(name, 0)
+    felt = {"sensor_lag": 3, "two_node_thermal": 3 if law in (1, 5) else 0}.get(name, 0)
     warm = wanted[:, felt]
     if case == ("sensor_lag", 2):
         warm = 0.4 * wanted[:, 0] + 0.6 * warm

@@ -17,20 +17,21 @@ class TwoNodeThermal(Mechanism):
     equation = (
         "(1-f) C_th dT/dt = P - lambda T - g (T - T_2),  f C_th dT_2/dt = g (T - T_2),  g = f (1-f) C_th / tau; "
         "law core: T is felt, T_2 pulls; law wire: T_2 loses the heat, is felt and pulls; "
-        "law store: T is felt and pulls; "
+        "law sheath: T_2 loses the heat and is felt, T pulls; law store: T is felt and pulls; "
         "law two stores: as store, but q of f C_th goes into T_3, with r tau in the place of tau; "
         "law layers: as core, but f C_th is two layers behind one another, 3/2 g to T_2 and from there 3/4 g to T_3, "
         "and their mean pulls"
     )
     source = (
-        "lumped two-node conduction: Incropera ch. 5; wire and polymer: thesis 3.3.5; stores side by side, of "
+        "lumped two-node conduction: Incropera ch. 5; wire and polymer: thesis 3.3.5; sheath: as a thermowell or a "
+        "coating about what is heated, Incropera ch. 3; stores side by side, of "
         "several time constants: thermal networks as of JEDEC JESD51-14 (2010); layers: conduction into a slab by "
         "two finite volumes, Patankar (1980) ch. 4, whose mean is behind a steadily warming skin as T_2 of law core is"
     )
     says = "The heated part warms first and the rest follows: the actuator is not at one temperature."
     needs = ("thermal",)
     excited_by = "voltage steps, with temperature and displacement recorded together"
-    laws = ("core", "wire", "store", "two stores", "layers")
+    laws = ("core", "wire", "store", "two stores", "layers", "sheath")
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {"slow_part": (3,), "slow_ratio": (3,)}
     states = ("second_temperature", "third_temperature")
     parameters = (
@@ -100,9 +101,8 @@ class TwoNodeThermal(Mechanism):
         return mass * jnp.where(p.time_constant > SHORTEST, 1 - p.share, 1.0)
 
     def _cooling(self, p: Values, view: View) -> Side:
-        """Conductance to the room that the second node takes over under law wire."""
-        wire = (p.law == 1) & (p.time_constant > SHORTEST)
-        return jnp.where(wire, view.shared["conductance"], 0.0)
+        """Conductance to the room that the second node takes over where it is the outer one."""
+        return jnp.where(_is_outer(p), view.shared["conductance"], 0.0)
 
     def heat(self, p: Values, view: View) -> Side:
         taken = [m * rate for m, rate in zip(self._held(p, view), self._nearing(p, view), strict=True)]
@@ -128,5 +128,9 @@ class TwoNodeThermal(Mechanism):
         return jnp.where(((p.law < 2) | (p.law == 4)) & (p.time_constant > SHORTEST), inner, temperature)
 
     def felt_temperature(self, p: Values, view: View, temperature: Side) -> Side:
-        felt = (p.law == 1) & (p.time_constant > SHORTEST)
-        return jnp.where(felt, view.own[0], temperature)
+        return jnp.where(_is_outer(p), view.own[0], temperature)
+
+
+def _is_outer(p: Values) -> Side:
+    """Whether the second node is about the first one: laws wire and sheath."""
+    return ((p.law == 1) | (p.law == 5)) & (p.time_constant > SHORTEST)
