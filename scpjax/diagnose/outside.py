@@ -9,7 +9,7 @@ import numpy as np
 
 from scpjax.diagnose.closure import Learned, learn, offers
 from scpjax.diagnose.curve import CURVES, Curve, bend
-from scpjax.diagnose.evidence import Evidence, at_its_least, is_better
+from scpjax.diagnose.evidence import Evidence, ahead, at_its_least, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Latent
 from scpjax.diagnose.select import Choice
@@ -175,15 +175,12 @@ def form_rather_than_name(
 ) -> tuple[Choice, Learned | Curve | None]:
     """What is to be said when the names reach the noise: a last name that came where little was left is false if a
     correction of the form of the others' laws has more evidence in its place and predicts better. So are all where one
-    asks for more than its law allows, if a closure that is none of them does.
+    asks for more than its law allows, if a closure that is none of them predicts better.
     """
     ends = _asking_for_more(choice.state, parts)
-    if ends:
-        alone = learn(base, parts, rules, _balances(choice.state))  # few terms: a law may have no more parameters
-        other = alone is not None and _is_none_of(alone, choice.state)
-        if alone is not None and other and is_better(alone.state, choice.state, parts, rules):
-            none = Choice(base, choice.ranking, {}, {})
-            return _told_of(none, choice, ends, base, parts), alone
+    alone = _in_place_of(base, choice.state, parts, rules) if ends else None
+    if alone is not None:
+        return _told_of(Choice(base, choice.ranking, {}, {}), choice, ends, base, parts), alone
     fewer, corrected = _corrected_rather_than_named(parts, base, choice, rules)
     if corrected is None or not is_better(corrected.state, choice.state, parts, rules):
         return choice, None
@@ -207,6 +204,23 @@ def _asking_for_more(state: State, parts: Split) -> tuple[str, ...]:
         if ends[s.index] and s.key in std and std[s.key] * slope[s.index] < _DETERMINED * half[s.index]
     }
     return tuple(n for n in suspects if n in found)
+
+
+def _in_place_of(base: State, state: State, parts: Split, rules: Evidence) -> Learned | Curve | None:
+    """A closure that is none of the names of a hypothesis, reaches the noise, and predicts the held-out stretches
+    better. Such names being unlikely, it need not have more evidence.
+    """
+    squares = lambda s: float(np.sum(s.residual[parts.is_held] ** 2))  # noqa: E731
+    found = [f(base, parts, rules, _balances(state)) for f in (bend, learn)]
+    able = [
+        f
+        for f in found
+        if f is not None
+        and level(f.state, parts) <= AT_NOISE
+        and _is_none_of(f, state)
+        and squares(f.state) < squares(state)
+    ]
+    return max(able, key=lambda f: ahead(f.state, base, parts, rules), default=None)
 
 
 def _is_none_of(learned: Learned | Curve, state: State) -> bool:
