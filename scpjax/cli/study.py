@@ -129,6 +129,8 @@ def say_diagnosis(arguments: Namespace, d: Diagnosis) -> None:
         say_parameters(arguments, m.parameters)
         if m.equivalents:
             say(arguments, f"  not told apart from: {', '.join(m.equivalents)}")
+        if m.as_well:
+            say(arguments, f"  would do as well here: {' or '.join(m.as_well)}")
     say(arguments, "\nheld-out error (RMSE)")
     for name, before in d.base.held_out.items():
         words, u = column(name)

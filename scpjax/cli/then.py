@@ -167,5 +167,5 @@ def say_next(arguments: Namespace, d: Diagnosis, *, asked: bool) -> None:
         say(arguments, f"  {e.standard}, within the same limits, would bring {number(e.standard_bits, 3)} bits")
     elif asked:
         say(arguments, "\nnext experiment: none; no two hypotheses are close, or none within these limits parts them")
-    elif any(m.equivalents for m in d.mechanisms):
+    elif any(m.equivalents or m.as_well for m in d.mechanisms):
         say(arguments, "\n--next designs the experiment that tells them apart (limits: --max-volts, --duration, ...)")

@@ -11,7 +11,7 @@ import numpy as np
 from scpjax.diagnose.closure import Learned
 from scpjax.diagnose.curve import Curve
 from scpjax.diagnose.distil import draw
-from scpjax.diagnose.expression import describe
+from scpjax.diagnose.expression import describe, in_words
 from scpjax.diagnose.final import fitted_to_all, resolved
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.locate import Binned, locate
@@ -55,11 +55,13 @@ def answer(
     lacking: tuple[Latent, ...],
     swing: Rhythm | None = None,
     *,
+    as_well: Sequence[Curve] = (),
     notes: tuple[str, ...],
     seconds: float,
     settings: Mapping[str, Any],
 ) -> Diagnosis:
-    """The whole answer; the hypotheses are fitted once more, to all data. ``swing`` is of what nothing explains."""
+    """The whole answer; the hypotheses are fitted once more, to all data. ``swing`` is of what nothing explains;
+    ``as_well`` what no name is and predicts what the only one does."""
     setup = base.setup
     state = learned.state if learned else choice.state
     problem = state.setup
@@ -75,7 +77,7 @@ def answer(
         closure = draw_swing(learned, every, fitted.values(), doubt)
     elif learned is not None:
         closure = describe(learned, every, fitted.values())
-    named = _named(choice, every) + _by_curve(choice, learned, closure)
+    named = _named(choice, every, tuple(in_words(c) for c in as_well)) + _by_curve(choice, learned, closure)
     most = learned is not None and takes_most(base, learned.state, parts)
     subsystem = swing.subsystem if swing else _subsystem(choice, closure if most else None, lacking)
     left = level(replace(state, residual=residual_on(final, fine.whole, problem)), parts)
@@ -121,7 +123,7 @@ def _scores(model: str, state: State, parts: Split) -> Scores:
     )
 
 
-def _named(choice: Choice, every: Mapping) -> tuple[Named, ...]:
+def _named(choice: Choice, every: Mapping, as_well: tuple[str, ...]) -> tuple[Named, ...]:
     out = []
     laws = choice.state.laws
     for name in choice.state.names:
@@ -139,6 +141,7 @@ def _named(choice: Choice, every: Mapping) -> tuple[Named, ...]:
                 says=m.says,
                 equation=m.equation,
                 source=m.source,
+                as_well=as_well,
             )
         )
     return tuple(out)

@@ -11,6 +11,8 @@ from scpjax.diagnose.answer import answer
 from scpjax.diagnose.closure import Learned
 from scpjax.diagnose.curve import Curve
 from scpjax.diagnose.evidence import Evidence
+from scpjax.diagnose.expression import in_words
+from scpjax.diagnose.free import nameless
 from scpjax.diagnose.holdout import Split, split
 from scpjax.diagnose.latent import Misfit, missing
 from scpjax.diagnose.locate import observe
@@ -94,6 +96,7 @@ def diagnose(
     misfit = Misfit(setup, parts.whole, base.trial, binned)
     lacking = missing(misfit)
     choice, learned, swing = _beyond(found, misfit, lacking, options.evidence, tell)
+    as_well = nameless(base, choice, parts, options.evidence) if learned is None else ()
     tell("fitting the chosen model to all data", 0.85)
     told = answer(
         parts,
@@ -103,13 +106,21 @@ def diagnose(
         binned,
         lacking,
         swing,
+        as_well=as_well,
         notes=notes + found.notes + patience.notes(),
         seconds=time.monotonic() - began,
         settings={"order": options.order, "substeps": options.substeps, "evidence": vars(options.evidence)},
     )
     if options.next is None:
         return told
-    outcome = Outcome(base, choice.state, learned.state if learned else None, choice.ranking, choice.equivalents)
+    outcome = Outcome(
+        base,
+        choice.state,
+        learned.state if learned else None,
+        choice.ranking,
+        choice.equivalents,
+        {in_words(c): c.state for c in as_well},
+    )
     return replace(told, next_experiment=next_experiment(outcome, parts, options.next, lambda text: tell(text, 0.9)))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from scpjax.diagnose.curve import Curve
-from scpjax.diagnose.expression import WHAT, scale_of, shown
+from scpjax.diagnose.expression import WHAT, in_words, scale_of, shown
 from scpjax.diagnose.result import Closure, Drawn
 from scpjax.fit.identifiability import Uncertainty
 from scpjax.fit.result import Estimate
@@ -92,7 +92,7 @@ def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float
     ``doubt`` are of its final fit.
     """
     form, units = found.form, {**shown(found.state.setup.structure.drive), "time": ("s", 1.0)}
-    alike = tuple(f"{WHAT[c.place][0]} = {c.form.name}" for c in found.alike)
+    alike = tuple(in_words(c) for c in found.alike)
     own, own_size = units[form.variable]
     place = found.place
     what, unit, subsystem = WHAT[place]

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from scpjax.diagnose.closure import Learned, offers, place_of, references
+from scpjax.diagnose.curve import Curve
 from scpjax.diagnose.result import Closure
 from scpjax.fit.result import Estimate
 from scpjax.physics.curves import SYMBOLS
@@ -22,6 +23,11 @@ WHAT = {
     "learned_reading displacement": ("displacement reads too much by", "mm", "sensor"),
 }
 """What stands in a place, in which unit, in which balance."""
+
+
+def in_words(found: Curve) -> str:
+    """What stands for what, as "heat lost = T s(x)"."""
+    return f"{WHAT[found.place][0]} = {found.form.name}"
 
 
 def shown(drive: DriveKind) -> dict[str, tuple[str, float]]:

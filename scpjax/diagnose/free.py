@@ -75,6 +75,22 @@ def one_for_several(base: State, choice: Choice, split: Split, rules: Evidence) 
     return Free(best, tuple(names)[: EQUIVALENTS + 1], min(choice.probability[n] for n in state.names))
 
 
+def nameless(base: State, choice: Choice, split: Split, rules: Evidence) -> tuple[Curve, ...]:
+    """Terms that are no mechanism of the catalogue and predict what a single name at the noise does, in its balance: a
+    loss that grows with the contraction, where the contraction follows the temperature. None beside several names.
+    """
+    state = choice.state
+    if len(state.names) != 1 or level(state, split) > AT_NOISE:
+        return ()
+    able = [m for m in map(mechanism, CURVES) for form in _forms(m) if state.names[0] in form.names]
+    if not able:
+        return ()
+    found = curves(
+        base, split, rules, [able[0].subsystem], allowed=lambda form: not form.names and form.variable != "time"
+    )
+    return tuple(c for c in found if are_equal(c.state, state, base, split, rules))
+
+
 def _forms(m: Mechanism) -> tuple[Form, ...]:
     return m.forms  # pyright: ignore[reportAttributeAccessIssue]
 

@@ -56,7 +56,8 @@ FREE = "free form"
 @dataclass(frozen=True)
 class Named:
     """A mechanism that the evidence supports. ``probability``: by the evidence against the others and none, times how
-    often names of such a verdict were right (`scpjax.diagnose.answer.TRUSTED`)."""
+    often names of such a verdict were right (`scpjax.diagnose.answer.TRUSTED`). ``as_well``: terms that no mechanism of
+    the catalogue is and that predict the same here, as "heat lost = T s(x)"."""
 
     name: str
     title: str
@@ -68,6 +69,7 @@ class Named:
     says: str
     equation: str
     source: str
+    as_well: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -187,6 +189,7 @@ class Diagnosis:
                     "probability": m.probability,
                     "parameters": {k: e.to_dict() for k, e in m.parameters.items()},
                     "equivalents": list(m.equivalents),
+                    "as_well": list(m.as_well),
                     "says": m.says,
                 }
                 for m in self.mechanisms

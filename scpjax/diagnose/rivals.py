@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -27,7 +27,8 @@ class Outcome:
     """What a diagnosis ended with: hypotheses fitted to the training part, and how others did.
 
     ``chosen`` holds what was named; ``learned`` a closure beyond it, where there is one. ``ranking`` compares, round by
-    round, each mechanism added to what had been named before; ``equivalents`` are those that did as well by name.
+    round, each mechanism added to what had been named before; ``equivalents`` are those that did as well by name,
+    ``nameless`` those that no mechanism is, by what they say.
     """
 
     base: State
@@ -35,6 +36,7 @@ class Outcome:
     learned: State | None
     ranking: Sequence[Ranked]
     equivalents: Mapping[str, Sequence[str]]
+    nameless: Mapping[str, State] = field(default_factory=dict)
 
 
 def next_experiment(
@@ -47,9 +49,9 @@ def next_experiment(
 ) -> NextExperiment | None:
     """The experiment that separates what a diagnosis left close; None where nothing is, or none within the limits can.
 
-    Close are: a mechanism named and its equivalents; with ``only_equivalents`` nothing else. Else also the runner-up
-    of its round less than 20 behind in BIC; a closure and the mechanism that did best; and, where nothing was named,
-    a mechanism that gained more than 6.
+    Close are: a mechanism named and its equivalents, terms that no mechanism is among them; with ``only_equivalents``
+    nothing else. Else also the runner-up of its round less than 20 behind in BIC; a closure and the mechanism that did
+    best; and, where nothing was named, a mechanism that gained more than 6.
 
     **Raises** `FitError` for limits that leave no experiment.
     """
@@ -81,6 +83,8 @@ def rivals(outcome: Outcome, split: Split, *, only_equivalents: bool = False) ->
         if others:
             laws = [swapped(chosen, name, o, split) for o in others[:_MOST]]
             return {name: chosen} | _merged(laws)
+        if outcome.nameless:  # beside a single name
+            return {name: chosen} | dict(list(outcome.nameless.items())[:_MOST])
     return {" + ".join(chosen.names): chosen}
 
 

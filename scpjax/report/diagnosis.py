@@ -157,6 +157,8 @@ def _mechanism(m: Named) -> str:
     if m.equivalents:
         titles = ", ".join(title(e) for e in m.equivalents)
         others = page.text(f"These recordings do not tell it from: {titles}.", "small")
+    if m.as_well:
+        others += page.text(f"A term that no mechanism is would do as well here: {' or '.join(m.as_well)}.", "small")
     return "\n".join(
         part
         for part in (
@@ -245,10 +247,9 @@ def _rounds(d: Diagnosis) -> str:
 
 
 def _cannot_tell(d: Diagnosis) -> list[str]:
+    alike = [(m, (*(title(e) for e in m.equivalents), *m.as_well)) for m in d.mechanisms]
     parts = [
-        page.bullets(
-            [f"{m.title}, or {', '.join(title(e) for e in m.equivalents)}." for m in d.mechanisms if m.equivalents]
-        ),
+        page.bullets([f"{m.title}, or {', or '.join(others)}." for m, others in alike if others]),
         page.bullets([sentence(s) for s in dict.fromkeys(d.not_identifiable)]),
     ]
     if not any(parts):

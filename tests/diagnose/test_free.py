@@ -13,10 +13,11 @@ from scpjax.diagnose.curve import curves, drives_differ
 from scpjax.diagnose.diagnose import diagnose
 from scpjax.diagnose.distil import given
 from scpjax.diagnose.evidence import Evidence, at_its_least, compare
-from scpjax.diagnose.free import free_law, one_for_several
+from scpjax.diagnose.expression import in_words
+from scpjax.diagnose.free import free_law, nameless, one_for_several
 from scpjax.diagnose.outside import level
 from scpjax.diagnose.result import Ranked
-from scpjax.diagnose.rivals import added
+from scpjax.diagnose.rivals import Outcome, added, rivals
 from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State
 from scpjax.physics.catalogue import catalogue, mechanism
@@ -71,6 +72,24 @@ def test_a_law_of_the_catalogue_that_does_as_well_is_not_given_up():
     named = added(base, "nonlinear_heat_loss", parts)
     assert free_law(base, named, parts, Evidence()) is None
     assert free_law(base, base, parts, Evidence()) is not None
+
+
+def test_what_no_mechanism_is_and_predicts_the_same_as_a_single_name_is_told():
+    """Where the contraction follows the temperature, a loss that grows with either is one."""
+    base, parts = base_of(recorded(lambda _t, temperature, _x: 0.3 * LOSS * temperature * (temperature / 40.0)))
+    named = Choice(added(base, "nonlinear_heat_loss", parts), (), {"nonlinear_heat_loss": 1.0}, {})
+    found = nameless(base, named, parts, Evidence())
+    assert "heat lost = T s(x)" in [in_words(c) for c in found]
+    assert not any(c.form.names for c in found)
+    rivals_ = rivals(Outcome(base, named.state, None, (), {}, {in_words(c): c.state for c in found}), parts)
+    assert list(rivals_)[:2] == ["nonlinear_heat_loss", in_words(found[0])]
+    binned, lacking = lacking_in(base, parts)
+    told = answer(parts, base, named, None, binned, lacking, as_well=found, notes=(), seconds=0.0, settings={})
+    assert "heat lost = T s(x)" in told.to_json()["mechanisms"][0]["as_well"]
+    softens = Choice(added(base, "thermal_softening", parts), (), {}, {})
+    assert nameless(base, softens, parts, Evidence()) == (), "it does not reach the noise"
+    two = Choice(added(named.state, "sensor_lag", parts), (), {}, {})
+    assert nameless(base, two, parts, Evidence()) == ()
 
 
 def starved(t: float, _temperature: float, _x: float) -> float:

@@ -55,6 +55,7 @@ def diagnosis(**changes) -> Diagnosis:
         "The hot wire has a higher resistance, so <the same> voltage heats it less.",
         "P = P_0 / (1 + alpha T)",
         "thesis (3.13)",
+        ("heat lost = T s(x)",),
     )
     made = Diagnosis(
         verdict="explained",
