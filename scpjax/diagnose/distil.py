@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from scpjax.diagnose.curve import Curve
-from scpjax.diagnose.expression import WHAT, in_words, scale_of, shown
+from scpjax.diagnose.expression import in_words, scale_of, shown, stands_for, variables_of
 from scpjax.diagnose.result import Closure, Drawn
 from scpjax.fit.identifiability import Uncertainty
 from scpjax.fit.result import Estimate
@@ -95,7 +95,8 @@ def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float
     alike = tuple(in_words(c) for c in found.alike)
     own, own_size = units[form.variable]
     place = found.place
-    what, unit, subsystem = WHAT[place]
+    variables = variables_of(found)
+    what, unit, subsystem = stands_for(place, variables)
     scale = scale_of(place, values, found.reference("temperature_high"), found.reference("displacement_high"))
     if form.factor:
         scale /= found.reference(f"{form.factor}_high") * units[form.factor][1]
@@ -118,13 +119,10 @@ def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float
         says += f", s ≈ {expression}"
     if interchangeable:
         says += " (beside the base model's parameters as they are told, which can take up a straight part of it)"
-    variables = [("drive" if v == "effort" else v) for v in (form.factor, form.variable) if v]
-    if subsystem == "thermoelectric" and variables == ["drive"]:
-        subsystem = "drive"
     return Closure(
         subsystem,
         place,
-        tuple(dict.fromkeys(variables)),
+        tuple(variables),
         says,
         {k: every[k] for k in found.keys},
         found.evidence.held_out_gain,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -25,9 +25,32 @@ WHAT = {
 """What stands in a place, in which unit, in which balance."""
 
 
+def stands_for(place: str, variables: Sequence[str]) -> tuple[str, str, str]:
+    """`WHAT` of a closure on these variables: heat by the drive alone is the drive's, and a displacement by the
+    temperature (beside the drive, by its rate) is what gives way in series with the spring, as a sensor of displacement
+    does not feel the wire.
+    """
+    what, unit, subsystem = WHAT[place]
+    if subsystem == "thermoelectric" and list(variables) == ["drive"]:
+        return what, unit, "drive"
+    if (
+        place == "learned_reading displacement"
+        and "temperature" in variables
+        and {*variables} <= {"temperature", "drive"}
+    ):
+        return "contraction in series with the spring", unit, "thermomechanical"
+    return what, unit, subsystem
+
+
 def in_words(found: Curve) -> str:
     """What stands for what, as "heat lost = T s(x)"."""
-    return f"{WHAT[found.place][0]} = {found.form.name}"
+    return f"{stands_for(found.place, variables_of(found))[0]} = {found.form.name}"
+
+
+def variables_of(found: Curve) -> list[str]:
+    """What a curve depends on, in the words of reports."""
+    form = found.form
+    return [*dict.fromkeys("drive" if v == "effort" else v for v in (form.factor, form.variable) if v)]
 
 
 def shown(drive: DriveKind) -> dict[str, tuple[str, float]]:
@@ -51,12 +74,13 @@ def describe(found: Learned, every: Mapping[str, Estimate], values: Mapping[str,
     parameters of its model, the held ones too.
     """
     problem, place = found.state.setup, place_of(found.terms[0])
-    what, unit, subsystem = WHAT[place]
     terms = {o.key: o.term for o in offers(problem)}
     reference = references(problem)
     scale = scale_of(place, values, reference["reference_temperature"], reference["reference"])
     own_units = shown(problem.structure.drive)
-    pieces, variables, in_si = [], [], {}
+    variables = [*dict.fromkeys(v for key in found.terms for v in terms[key].variables)]
+    what, unit, subsystem = stands_for(place, variables)
+    pieces, in_si = [], {}
     for key in found.terms:
         term, e = terms[key], every[key]
         factor = scale / term.unit_value(reference)
@@ -67,10 +91,7 @@ def describe(found: Learned, every: Mapping[str, Estimate], values: Mapping[str,
         sign = ("" if not pieces else "+ ") if e.value >= 0 else "- "
         error = f" ± {abs(e.std * factor):.1g}" if np.isfinite(e.std) else ""
         pieces.append(f"{sign}({size:.3g}{error}) {unit}{units} {words}")
-        variables += [v for v in term.variables if v not in variables]
         in_si[key] = e
-    if subsystem == "thermoelectric" and variables == ["drive"]:
-        subsystem = "drive"
     return Closure(
         subsystem,
         place,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from scpjax.diagnose.closure import Learned, offers, references
-from scpjax.diagnose.expression import describe
+from scpjax.diagnose.expression import describe, stands_for
 from scpjax.diagnose.trials import grown
 from scpjax.fit.result import Estimate
 from scpjax.fit.setup import Setup, prepare
@@ -62,10 +62,27 @@ def test_words_of_every_term_are_what_it_does(key):
         "force against contraction": STIFFNESS * r["reference"],
         "thermometer reads too much by": r["reference_temperature"],
         "displacement reads too much by": 1e3 * r["reference"],
+        "contraction in series with the spring": 1e3 * r["reference"],
     }
     what, words = closure.expression.split(" = - ")
     assert -number(words) == pytest.approx(WEIGHT * size[what] * shape, rel=6e-3)  # three digits are told
     assert set(closure.depends_on) == set(term.variables)
+
+
+@pytest.mark.parametrize(
+    ("place", "variables", "subsystem"),
+    [
+        ("learned_reading displacement", ["temperature"], "thermomechanical"),  # it does not feel the wire
+        ("learned_reading displacement", ["drive", "temperature"], "thermomechanical"),
+        ("learned_reading displacement", ["drive"], "sensor"),  # a pick-up
+        ("learned_reading displacement", ["displacement"], "sensor"),
+        ("learned_reading temperature", ["temperature"], "sensor"),
+        ("learned_heat", ["drive"], "drive"),
+        ("learned_heat", ["drive", "temperature"], "thermoelectric"),
+    ],
+)
+def test_whose_balance_a_closure_is_depends_on_what_it_depends_on(place, variables, subsystem):
+    assert stands_for(place, variables)[2] == subsystem
 
 
 def test_a_power_of_a_speed_is_not_an_acceleration():
