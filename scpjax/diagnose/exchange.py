@@ -36,7 +36,7 @@ def exchanged(
     Away from the noise, or where a parameter stands at its limit, every name is asked for its law again first, where
     all stand and beside the rest without it, and once more where that has changed.
     """
-    if len(choice.state.names) < 2:
+    if choice.settled or len(choice.state.names) < 2:
         return choice
     patience = patience or Patience()
     choice = replace(choice, state=_laws_again(choice.state, split, rules, patience))
@@ -49,7 +49,7 @@ def exchanged(
             break
     if first in choice.state.names[1:]:
         choice = replace(choice, state=in_order(choice.state, first, split))
-    return choice
+    return replace(choice, settled=True)
 
 
 def _laws_again(state: State, split: Split, rules: Evidence, patience: Patience) -> State:

@@ -47,6 +47,9 @@ class _Seeker:
     tell: Progress
 
     def choose(self, base: State, parts: Split, enough: Callable[[State], bool]) -> Choice:
+        """What is named; where that ends away from the noise, each name is set against what could stand in its place
+        before other ways are gone, which takes longer.
+        """
         return choose(
             base,
             parts,
@@ -55,8 +58,14 @@ class _Seeker:
             max_steps=self.max_steps,
             progress=self.tell,
             enough=enough,
+            mend=lambda choice: self.exchange(choice, base, parts),
             patience=self.patience,
         )
+
+    def exchange(self, choice: Choice, base: State, parts: Split) -> Choice:
+        """Each name set against what could stand in its place."""
+        self.tell("each name against what could stand in its place", 0.7)
+        return exchanged(choice, base, parts, self.rules, self.catalogue, self.patience)
 
     def by_curve(self, base: State, rival: State, parts: Split) -> Free | None:
         """One mechanism under a law of its own that does better than what does not reach the noise."""
@@ -89,8 +98,7 @@ def find_names(
     found, free = _searched(search, base, parts)
     if free is not None:
         return replace(found, choice=free.choice(found.base, found.choice), curve=free.curve)
-    tell("each name against what could stand in its place", 0.7)
-    choice = exchanged(found.choice, found.base, found.parts, rules, catalogue, search.patience)
+    choice = search.exchange(found.choice, found.base, found.parts)
     found = Found(*_settled(found.parts, found.base, choice, rules), notes=found.notes)
     free = one_for_several(found.base, found.choice, found.parts, rules)
     if free is None:

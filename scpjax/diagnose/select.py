@@ -45,7 +45,8 @@ class Choice:
 
     ``given_up``: names that came nearest and are none, and the share of the held-out misfit that they left;
     ``overstretched``: those of them that asked for more than their laws allow.
-    ``free``: the name of a mechanism that a learned curve is, which the hypothesis does not hold.
+    ``free``: the name of a mechanism that a learned curve is, which the hypothesis does not hold. ``settled``: every
+    name was set against what could stand in its place.
     """
 
     state: State
@@ -55,6 +56,7 @@ class Choice:
     given_up: tuple[tuple[str, ...], float] = ((), 0.0)
     overstretched: tuple[str, ...] = ()
     free: str = ""
+    settled: bool = False
 
     def with_only(self, state: State) -> Choice:
         """The choice with fewer names, those of ``state``."""
@@ -109,6 +111,7 @@ def choose(
     max_steps: int = 40,
     progress: Progress | None = None,
     enough: Callable[[State], bool] | None = None,
+    mend: Callable[[Choice], Choice] | None = None,
     patience: Patience | None = None,
 ) -> Choice:
     """Forward selection with pruning, from the base hypothesis; ``catalogue`` is the problem with every candidate.
@@ -116,8 +119,8 @@ def choose(
     is begun.
 
     Where two mechanisms are close and neither reaches the noise, both ways are gone one round further. Where the way
-    ends away from the noise, others that had evidence in the first round are gone too: one mechanism that imitates two
-    can be ahead of both.
+    ends away from the noise and ``mend`` does not bring it there, others that had evidence in the first round are gone
+    too: one mechanism that imitates two can be ahead of both.
     """
     search = _Search(base, split, rules, catalogue, max_steps, patience or Patience())
 
@@ -142,10 +145,15 @@ def choose(
         # the same names reached by another way are no way of their own
         others = (b for b in further if not b.ended and set(b.state.names) != set(leader.state.names))
         branches = [leader, *others][:_WAYS]
-    leader = leaders[-1]
-    if leader.state.names and not at_noise(leader.state, split, FAR):
-        leader = _by_another_way(search, rounds[0][0], leaders, tell)
-    return _choice(leader)
+    choice, mend = _choice(leaders[-1]), mend or (lambda choice: choice)
+    if not choice.state.names or at_noise(choice.state, split, FAR):
+        return choice
+    choice = mend(choice)
+    if not at_noise(choice.state, split, FAR):
+        other = _by_another_way(search, rounds[0][0], leaders, choice.state, tell)
+        choice = choice if other is None else mend(_choice(other))
+    strongest = next((c.added for c in rounds[0][0].accepted if c.added in choice.state.names), None)
+    return choice if strongest is None else replace(choice, state=in_order(choice.state, strongest, split))
 
 
 def _choice(leader: _Branch) -> Choice:
@@ -220,16 +228,15 @@ def _named(search: _Search, found: _Tried, c: Comparison) -> _Branch:
 
 
 def _by_another_way(
-    search: _Search, first: _Tried, leaders: Sequence[_Branch], tell: Callable[[str, int], None]
-) -> _Branch:
-    """The best of what leads at the end and of ways that begin with another name of the first round, each gone on for
-    as long as it leads what led at its length.
+    search: _Search, first: _Tried, leaders: Sequence[_Branch], best: State, tell: Callable[[str, int], None]
+) -> _Branch | None:
+    """The best of ways that begin with another name of the first round, each gone on for as long as it leads what led
+    at its length; None where none is better than ``best``, where the search has come to.
 
-    What speaks for the name with which such a way begins is all that the way has ahead of what led before. Told of
-    first is the name that alone explained most.
+    What speaks for the name with which such a way begins is all that the way has ahead of what led before.
     """
     split, rules = search.split, search.rules
-    leader = leaders[-1]
+    leader: _Branch | None = None
     for c in [c for c in first.accepted if c.added not in leaders[0].state.names][:_OTHERS]:
         if search.patience.over():
             break
@@ -240,16 +247,12 @@ def _by_another_way(
                 break
             if at_noise(way.state, split):
                 break
-        if is_better(way.state, leader.state, split, rules) and _earned(search, leader.state, way.state):
-            if set(way.state.names) == set(leader.state.names):
-                leader = replace(leader, state=way.state)
-            else:
-                own = float(expit(ahead(way.state, leader.state, split, rules) / 2))
-                leader = replace(way, own={c.added: own})
-        if at_noise(leader.state, split):
+        if is_better(way.state, best, split, rules) and _earned(search, best, way.state):
+            own = float(expit(ahead(way.state, best, split, rules) / 2))
+            leader, best = replace(way, own={c.added: own}), way.state
+        if at_noise(best, split):
             break
-    strongest = next((c.added for c in first.accepted if c.added in leader.state.names), None)
-    return leader if strongest is None else replace(leader, state=in_order(leader.state, strongest, split))
+    return leader
 
 
 def _earned(search: _Search, before: State, after: State) -> bool:

@@ -1,6 +1,6 @@
 """How the selection goes: which hypotheses it fits, which ways it follows, what it takes back. The fits are played."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -103,6 +103,37 @@ def test_where_it_ends_away_from_the_noise_another_way_is_gone(monkeypatch):
     asked = played(monkeypatch, {"a": 500.0, "b": 900.0, "ac": 300.0, "bc": 1.0})
     assert chosen() == {"b", "c"}
     assert asked.index(("a", "c")) < asked.index(("b",))
+
+
+def test_no_other_way_is_gone_where_the_names_are_mended(monkeypatch):
+    """Before it is: what the exchange of names brings to the noise is told; else the better of that and of the way."""
+    costs = {"a": 500.0, "b": 900.0, "ac": 300.0, "bc": 100.0}
+    mended = []
+
+    def mend(choice):
+        mended.append(choice.state.names)
+        cost = after.get("".join(sorted(choice.state.names)), choice.state.cost)
+        return replace(choice, state=Played(choice.state.names, cost))
+
+    def told() -> float:
+        found = select.choose(Played((), 1000.0), None, Evidence(), None, mend=mend)  # type: ignore[arg-type]
+        return found.state.cost  # type: ignore[return-value]
+
+    after = {"ac": 1.0}
+    asked = played(monkeypatch, costs)
+    assert told() == 1.0
+    assert ("b",) not in asked
+    after = {"ac": 200.0, "bc": 50.0}
+    played(monkeypatch, costs)
+    mended.clear()
+    assert told() == 50.0
+    assert mended == [("a", "c"), ("b", "c")]
+    after = {"ac": 80.0}
+    asked = played(monkeypatch, costs)
+    mended.clear()
+    assert told() == 80.0
+    assert ("b",) in asked
+    assert mended == [("a", "c")]
 
 
 @pytest.mark.parametrize(
