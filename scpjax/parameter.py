@@ -22,7 +22,8 @@ class Parameter:
     is reached only by leaving the mechanism out), ``scale="linear"`` for signed ones. ``typical`` is where a search
     starts when the data say nothing better. ``spread`` is the standard deviation of the prior that a diagnosis
     uses, in units of ln(value) for log scale and of the value for linear scale; ``inf`` means none.
-    ``time`` says that values and bounds are multiples of a time scale of the recording.
+    ``time`` says that values and bounds are multiples of a time scale of the recording, ``strict`` that the bounds are
+    those of the physics: recordings that ask for a value beyond them ask for something else.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Parameter:
     spread: float = float("inf")
     fixed: bool = False
     time: Literal["", "response", "duration"] = ""
+    strict: bool = False
 
     def __post_init__(self) -> None:
         low, high = self.bounds

@@ -13,7 +13,7 @@ from scpjax.diagnose.evidence import Evidence, ahead, at_its_least, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Latent
 from scpjax.diagnose.select import Choice
-from scpjax.diagnose.trials import State, misfit, strained, without
+from scpjax.diagnose.trials import State, misfit, without
 from scpjax.fit.identifiability import at_limit, estimates, uncertainty
 from scpjax.physics.catalogue import mechanism
 
@@ -188,8 +188,11 @@ def form_rather_than_name(
 
 
 def _asking_for_more(state: State, parts: Split) -> tuple[str, ...]:
-    """Names of which a parameter stands at its limit though the recordings determine it: something else is imitated."""
-    suspects = strained(state)
+    """Names of which a parameter with strict bounds stands at their end though the recordings determine it: something
+    else is imitated.
+    """
+    ends = at_limit(state.trial, state.setup.space) & np.asarray(state.trial.active)
+    suspects = [s for s in state.setup.structure.slots if ends[s.index] and s.parameter.strict]
     if not suspects:
         return ()
     space, bounds = state.setup.space, state.setup.space.bounds
@@ -197,13 +200,8 @@ def _asking_for_more(state: State, parts: Split) -> tuple[str, ...]:
     std = dict(zip(doubt.keys, doubt.std_free, strict=True))
     free, half = np.asarray(state.trial.free[:-1]), np.asarray(bounds.half)
     slope = 1.0 - np.tanh(free / half) ** 2  # the bounds flatten it
-    ends = at_limit(state.trial, space)
-    found = {
-        s.mechanism
-        for s in state.setup.structure.slots
-        if ends[s.index] and s.key in std and std[s.key] * slope[s.index] < _DETERMINED * half[s.index]
-    }
-    return tuple(n for n in suspects if n in found)
+    found = {s.mechanism for s in suspects if std[s.key] * slope[s.index] < _DETERMINED * half[s.index]}
+    return tuple(n for n in state.names if n in found)
 
 
 def _in_place_of(base: State, state: State, parts: Split, rules: Evidence) -> Learned | Curve | None:

@@ -244,8 +244,8 @@ def from_their_starts(setup: Setup, laws: np.ndarray) -> list[np.ndarray]:
 
 
 def strained(state: State) -> tuple[str, ...]:
-    """Names of which a parameter, other than a time, stands at the end of its bounds: the recordings ask for more than
-    their laws allow, as they do where another effect is imitated. Times end there where recordings are too short.
+    """Names of which a parameter, other than a time, stands at the end of its bounds, as it does where the law of
+    another name is wrong. Times end there where recordings are too short.
     """
     ends = at_limit(state.trial, state.setup.space) & np.asarray(state.trial.active)
     found = {s.mechanism for s in state.setup.structure.slots if ends[s.index] and not s.parameter.time}

@@ -45,6 +45,7 @@ class NonlinearHeatLoss(Mechanism):
             bounds=(0.15, 2.0),
             null=0.5,
             spread=0.6,
+            strict=True,  # from forced convection to radiation of what is very hot
         ),
         Parameter(
             name="reference",
