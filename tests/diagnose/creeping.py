@@ -68,7 +68,7 @@ def fitted(recordings: list[Recording], names: tuple[str, ...]) -> tuple[dict[st
     parts = split(setup.data)
     trial, _, cost = best_start(setup, parts.train)
     base = State(setup, trial, residual_on(trial, parts.whole, setup), cost)
-    return {"base model": base} | {n: _under(LAWS[n], n, by_law(base, n, parts)) for n in names}, parts
+    return {"base model": base} | {n: _under(LAWS[n], n, by_law(base, n, parts, close=np.inf)) for n in names}, parts
 
 
 def _under(law: str, name: str, found: dict[str, State]) -> State:
