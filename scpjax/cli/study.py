@@ -130,7 +130,7 @@ def say_diagnosis(arguments: Namespace, d: Diagnosis) -> None:
         if m.equivalents:
             say(arguments, f"  not told apart from: {', '.join(m.equivalents)}")
         if m.as_well:
-            say(arguments, f"  would do as well here: {' or '.join(m.as_well)}")
+            say(arguments, f"  outside the catalogue would do as well: {' or '.join(m.as_well)} (s: a smooth curve)")
     say(arguments, "\nheld-out error (RMSE)")
     for name, before in d.base.held_out.items():
         words, u = column(name)

@@ -22,7 +22,7 @@ from scpjax.diagnose.select import Choice
 from scpjax.diagnose.swing import Swing, draw_swing
 from scpjax.diagnose.trials import State, residual_on
 from scpjax.fit.fit import final_model, noise_by_column, scores, traces
-from scpjax.fit.identifiability import estimates, uncertainty
+from scpjax.fit.identifiability import Uncertainty, estimates, uncertainty
 from scpjax.fit.result import Estimate
 from scpjax.physics.catalogue import mechanism
 
@@ -70,13 +70,8 @@ def answer(
     base_final, _ = fitted_to_all(parts, base)
     doubt = uncertainty(final, final_data, problem.space, coloured=final_data is fine.whole)
     every = estimates(final, problem.space, doubt)
-    fitted, closure = final_model(problem, final), None
-    if isinstance(learned, Curve):
-        closure = draw(learned, every, fitted.values(), doubt)
-    elif isinstance(learned, Swing):
-        closure = draw_swing(learned, every, fitted.values(), doubt)
-    elif learned is not None:
-        closure = describe(learned, every, fitted.values())
+    fitted = final_model(problem, final)
+    closure = _in_units(learned, every, fitted.values(), doubt)
     named = _named(choice, every, tuple(in_words(c) for c in as_well)) + _by_curve(choice, learned, closure)
     most = learned is not None and takes_most(base, learned.state, parts)
     subsystem = swing.subsystem if swing else _subsystem(choice, closure if most else None, lacking)
@@ -110,6 +105,20 @@ def answer(
             "held_out": "25-35 %, 60-70 % and 90-100 % of every recording",
         },
     )
+
+
+def _in_units(
+    learned: Learned | Curve | Swing | None,
+    every: Mapping[str, Estimate],
+    values: Mapping[str, float],
+    doubt: Uncertainty,
+) -> Closure | None:
+    """What was learned, as it is told."""
+    if isinstance(learned, Curve):
+        return draw(learned, every, values, doubt)
+    if isinstance(learned, Swing):
+        return draw_swing(learned, every, values, doubt)
+    return None if learned is None else describe(learned, every, values)
 
 
 def _scores(model: str, state: State, parts: Split) -> Scores:
@@ -193,8 +202,16 @@ def _nearest(choice: Choice) -> tuple[str, ...]:
         return ()
     why = f"with it {100 * left:.0f} % of the misfit of the held-out stretches stays"
     if choice.overstretched:
-        why = f"the recordings ask for more than the law of {' and '.join(choice.overstretched)} allows"
+        why = f"the recordings ask for more than physics allows: {', '.join(map(_beyond, choice.overstretched))}"
     return (f"nearest in the catalogue: {' with '.join(names)}; not named, for {why}",)
+
+
+def _beyond(name: str) -> str:
+    """What the recordings ask for of a mechanism that asked for more than its law allows."""
+    strict = [p for p in mechanism(name).parameters if p.strict]
+    return " or ".join(
+        f"{p.name.replace('_', ' ')} of {name} outside {p.bounds[0]:g} to {p.bounds[1]:g}" for p in strict
+    )
 
 
 def _repeating(swing: Rhythm | None) -> dict[str, float]:

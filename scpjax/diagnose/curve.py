@@ -37,6 +37,12 @@ _DIFFER = 0.25  # share of a drive's variation that another does not have, from 
 _MARGIN = 0.03  # of a range, added at both ends
 
 
+def forms_named(names: Sequence[str]) -> list[tuple[str, Form]]:
+    """(balance, form) of every curve that is one of these mechanisms, whatever its shape."""
+    every = [(m.subsystem, f) for m in map(mechanism, CURVES) for f in m.forms]  # pyright: ignore[reportAttributeAccessIssue]
+    return [(subsystem, form) for subsystem, form in every if {*form.names} & {*names}]
+
+
 @dataclass(frozen=True)
 class Curve:
     """A curve found: the hypothesis that holds it, which it is, the evidence, and others that predict the same."""

@@ -78,25 +78,19 @@ def diagnose(
     setup = prepare(
         recordings, model=model, fixed=fixed, bin=options.bin, order=options.order, substeps=options.substeps
     )
-    candidates = (m for m in left_out() if applicable(m, what_there_is(setup.structure, setup.recordings)))
-    catalogue = grown(setup, *candidates)
+    there = what_there_is(setup.structure, setup.recordings)
+    catalogue = grown(setup, *(m for m in left_out() if applicable(m, there)))
     tell("fitting the base model", 0.05)
     parts, base, notes = _base(setup)
-    found = find_names(
-        base,
-        parts,
-        catalogue,
-        options.evidence,
-        max_steps=options.max_steps,
-        patience=patience,
-        progress=tell,
-    )
+    rules, steps = options.evidence, options.max_steps
+    found = find_names(base, parts, catalogue, rules, max_steps=steps, patience=patience, progress=tell)
     parts, base = found.parts, found.base
     binned = observe(setup, parts.whole, base.trial, base.residual)
     misfit = Misfit(setup, parts.whole, base.trial, binned)
     lacking = missing(misfit)
-    choice, learned, swing = _beyond(found, misfit, lacking, options.evidence, tell)
-    as_well = nameless(base, choice, parts, options.evidence) if learned is None else ()
+    choice, learned, swing = _beyond(found, misfit, lacking, rules, tell)
+    tell("what outside the catalogue would do as well", 0.8)
+    as_well = nameless(base, choice, parts, rules) if learned is None else ()
     tell("fitting the chosen model to all data", 0.85)
     told = answer(
         parts,
@@ -109,18 +103,13 @@ def diagnose(
         as_well=as_well,
         notes=notes + found.notes + patience.notes(),
         seconds=time.monotonic() - began,
-        settings={"order": options.order, "substeps": options.substeps, "evidence": vars(options.evidence)},
+        settings={"order": options.order, "substeps": options.substeps, "evidence": vars(rules)},
     )
     if options.next is None:
         return told
-    outcome = Outcome(
-        base,
-        choice.state,
-        learned.state if learned else None,
-        choice.ranking,
-        choice.equivalents,
-        {in_words(c): c.state for c in as_well},
-    )
+    beyond = learned.state if learned else None
+    alike = {in_words(c): c.state for c in as_well}
+    outcome = Outcome(base, choice.state, beyond, choice.ranking, choice.equivalents, alike)
     return replace(told, next_experiment=next_experiment(outcome, parts, options.next, lambda text: tell(text, 0.9)))
 
 

@@ -11,15 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit
 
-from scpjax.diagnose.curve import CURVES, Curve, curves, finer
+from scpjax.diagnose.curve import Curve, curves, finer, forms_named
 from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, ahead, are_equal, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.outside import AT_NOISE, level
 from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State
-from scpjax.physics.catalogue import mechanism
-from scpjax.physics.curves import Form
-from scpjax.physics.mechanism import Mechanism
 
 
 @dataclass(frozen=True)
@@ -60,8 +57,7 @@ def one_for_several(base: State, choice: Choice, split: Split, rules: Evidence) 
     could be; None where none does. It is as likely as the least likely of them.
     """
     state = choice.state
-    able = {n: m.subsystem for m in map(mechanism, CURVES) for form in _forms(m) for n in form.names}
-    where = {able.get(n, "") for n in state.names}
+    where = {subsystem for n in state.names for subsystem in _where(n) or ("",)}
     if len(state.names) < 2 or len(where) > 1 or "" in where:
         return None
     found = [
@@ -82,17 +78,16 @@ def nameless(base: State, choice: Choice, split: Split, rules: Evidence) -> tupl
     state = choice.state
     if len(state.names) != 1 or level(state, split) > AT_NOISE:
         return ()
-    able = [m for m in map(mechanism, CURVES) for form in _forms(m) if state.names[0] in form.names]
-    if not able:
+    where = _where(state.names[0])
+    if not where:
         return ()
-    found = curves(
-        base, split, rules, [able[0].subsystem], allowed=lambda form: not form.names and form.variable != "time"
-    )
+    found = curves(base, split, rules, where, allowed=lambda form: not form.names and form.variable != "time")
     return tuple(c for c in found if are_equal(c.state, state, base, split, rules))
 
 
-def _forms(m: Mechanism) -> tuple[Form, ...]:
-    return m.forms  # pyright: ignore[reportAttributeAccessIssue]
+def _where(name: str) -> list[str]:
+    """The balances in which a curve may be a mechanism."""
+    return [*dict.fromkeys(subsystem for subsystem, _ in forms_named([name]))]
 
 
 def _fitted(curve: Curve, split: Split) -> float:

@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from scpjax.diagnose.closure import Learned, learn, offers
-from scpjax.diagnose.curve import CURVES, Curve, bend
+from scpjax.diagnose.curve import Curve, bend, forms_named
 from scpjax.diagnose.evidence import Evidence, ahead, at_its_least, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Latent
 from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State, misfit, without
-from scpjax.fit.identifiability import at_limit, estimates, uncertainty
-from scpjax.physics.catalogue import mechanism
+from scpjax.fit.identifiability import estimates, held_back, uncertainty
 
 AT_NOISE = 1.15  # ratio of residual to noise, in some column, up to which nothing more is asked for
 _LITTLE_LEFT = 0.05  # of the held-out misfit in excess of the noise: what names may leave unsought
@@ -27,9 +26,6 @@ _HALF = 0.5  # of the misfit: what names may leave there
 _BEHIND = 0.05  # of the misfit, by which a balance may answer for less than the best and be in question too
 _COMPLETE = 0.1  # of the misfit: what a closure alone may leave to be an explanation in place of names
 _MOST = 0.25  # of the held-out misfit, up to which a closure may leave and say where it lies: half in root mean square
-_DETERMINED = (
-    0.25  # standard deviation of a parameter, of half the range that its bounds leave, below which it is known
-)
 _FAR_BETTER = 0.5  # ratio of what it leaves to what the names leave, below which they are false
 
 
@@ -191,16 +187,11 @@ def _asking_for_more(state: State, parts: Split) -> tuple[str, ...]:
     """Names of which a parameter with strict bounds stands at their end though the recordings determine it: something
     else is imitated.
     """
-    ends = at_limit(state.trial, state.setup.space) & np.asarray(state.trial.active)
-    suspects = [s for s in state.setup.structure.slots if ends[s.index] and s.parameter.strict]
-    if not suspects:
+    slots, space = {s.key: s for s in state.setup.structure.slots}, state.setup.space
+    if not any(s.parameter.strict and s.mechanism in state.names for s in slots.values()):
         return ()
-    space, bounds = state.setup.space, state.setup.space.bounds
-    doubt = uncertainty(state.trial, parts.train, space)
-    std = dict(zip(doubt.keys, doubt.std_free, strict=True))
-    free, half = np.asarray(state.trial.free[:-1]), np.asarray(bounds.half)
-    slope = 1.0 - np.tanh(free / half) ** 2  # the bounds flatten it
-    found = {s.mechanism for s in suspects if std[s.key] * slope[s.index] < _DETERMINED * half[s.index]}
+    beyond = held_back(state.trial, space, uncertainty(state.trial, parts.train, space))
+    found = {slots[key].mechanism for key in beyond if key in slots and slots[key].parameter.strict}
     return tuple(n for n in state.names if n in found)
 
 
@@ -227,8 +218,7 @@ def _is_none_of(learned: Learned | Curve, state: State) -> bool:
     """
     if isinstance(learned, Curve):
         return not set(learned.form.names) & set(state.names)
-    forms = [f for m in map(mechanism, CURVES) for f in m.forms]  # pyright: ignore[reportAttributeAccessIssue]
-    named = [{f.factor, f.variable} - {""} for f in forms if set(f.names) & set(state.names)]
+    named = [{form.factor, form.variable} - {""} for _, form in forms_named(state.names)]
     terms = {o.key: o.term for o in offers(learned.state.setup)}
     variables = [{v.replace("drive", "effort") for v in terms[key].variables} for key in learned.terms]
     return not all(v in named for v in variables)

@@ -78,13 +78,13 @@ def rivals(outcome: Outcome, split: Split, *, only_equivalents: bool = False) ->
         return {"base model": chosen, name: added(chosen, name, split)}
     for name in chosen.names:
         others = [o for o in outcome.equivalents.get(name, ()) if o not in chosen.names]
+        if not others and outcome.nameless:  # beside a single name
+            return {name: chosen} | dict(list(outcome.nameless.items())[:_MOST])
         if not others and not only_equivalents:
             others = [o for o in _behind(outcome.ranking, name) if o not in chosen.names]
         if others:
             laws = [swapped(chosen, name, o, split) for o in others[:_MOST]]
             return {name: chosen} | _merged(laws)
-        if outcome.nameless:  # beside a single name
-            return {name: chosen} | dict(list(outcome.nameless.items())[:_MOST])
     return {" + ".join(chosen.names): chosen}
 
 

@@ -12,9 +12,8 @@ from scpjax.fit.result import Estimate
 from scpjax.fit.solve import evaluate, stack
 
 _OPEN = 1.5  # standard deviation of a direction in ln(value) beyond which the data are said to leave it open
-
-
 _LIMIT = 0.995  # of the way from the middle to the end of the bounds, beyond which a value stands at its limit
+_DETERMINED = 0.25  # standard deviation of a parameter, of half the range of its bounds, below which it is known
 
 
 @dataclass(frozen=True)
@@ -118,6 +117,15 @@ def at_limit(trial: Trial, space: Space) -> np.ndarray:
     """Which parameters, of those that have bounds on both sides, a trial has at the end of them."""
     bounds = space.bounds
     return np.asarray(bounds.finite) & (np.abs(np.tanh(trial.free[:-1] / np.asarray(bounds.half))) > _LIMIT)
+
+
+def held_back(trial: Trial, space: Space, u: Uncertainty) -> tuple[str, ...]:
+    """Keys of the moving parameters at the end of their bounds though the data determine them: they ask for more."""
+    free, half = trial.free[:-1], np.asarray(space.bounds.half)
+    flattened = 1.0 - np.tanh(free / half) ** 2  # by the bounds: a standard deviation of a free entry is not
+    ends, position = at_limit(trial, space), {k: i for i, k in enumerate(space.keys)}
+    moving = [(key, position[key], std) for key, std in zip(u.keys, u.std_free, strict=True)]
+    return tuple(key for key, i, std in moving if ends[i] and std * flattened[i] < _DETERMINED * half[i])
 
 
 def estimates(trial: Trial, space: Space, u: Uncertainty) -> dict[str, Estimate]:

@@ -158,7 +158,10 @@ def _mechanism(m: Named) -> str:
         titles = ", ".join(title(e) for e in m.equivalents)
         others = page.text(f"These recordings do not tell it from: {titles}.", "small")
     if m.as_well:
-        others += page.text(f"A term that no mechanism is would do as well here: {' or '.join(m.as_well)}.", "small")
+        begin = "Nor from" if m.equivalents else "These recordings do not tell it from"
+        others += page.text(
+            f"{begin} a term outside the catalogue: {' or '.join(m.as_well)}, with s a smooth curve.", "small"
+        )
     return "\n".join(
         part
         for part in (

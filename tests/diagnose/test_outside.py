@@ -29,6 +29,7 @@ from scpjax.diagnose.outside import (
 from scpjax.diagnose.rivals import added
 from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State, strained
+from scpjax.fit import identifiability
 from scpjax.physics.terms import Term
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -255,6 +256,25 @@ def test_a_name_that_the_data_do_not_tell_from_none_beside_the_closure_is_taken_
     assert found is learned
 
 
+@pytest.mark.parametrize(("after", "kept"), [(110.0, ("a",)), (300.0, ("a", "b"))])
+def test_a_small_last_name_gives_way_to_a_correction_that_does_better(monkeypatch, after, kept):
+    def state(names, left):
+        return SimpleNamespace(names=names, left=left)
+
+    both, one, corrected = state(("a", "b"), 200.0), state(("a",), 250.0), state(("a",), after)
+    monkeypatch.setattr(outside, "_unexplained", lambda s, there: s.left)
+    monkeypatch.setattr(outside, "without", lambda s, name, split: one if name == "b" else None)
+    monkeypatch.setattr(outside, "form_at_most", lambda base, s, parts: True)
+    monkeypatch.setattr(outside, "level", lambda s, parts: 2.0)
+    monkeypatch.setattr(outside, "_correction", lambda s, parts, rules: SimpleNamespace(state=corrected))
+    parts = SimpleNamespace(is_held=None)
+    choice = Choice(both, (), {"a": 0.9, "b": 0.8}, {"a": (), "b": ("c",)})  # type: ignore[arg-type]
+    found, learned = outside._corrected_rather_than_named(parts, one, choice, Evidence())  # type: ignore[arg-type]
+    assert found.state.names == kept
+    assert set(found.probability) == set(found.equivalents) == set(kept)
+    assert (learned is not None) == (kept == ("a",))
+
+
 def test_a_name_that_asks_for_more_than_its_law_allows_is_not_given():
     """A loss T x^2 is, along one load, nearly one of T^3: of heat that grows with temperature it has the exponent at
     its limit, beyond what air and glow can do.
@@ -282,8 +302,9 @@ def test_away_from_the_noise_it_is_given_up_and_the_note_says_why(monkeypatch):
     assert choice.state.names == ()
     assert learned is None
     (note,) = _nearest(choice)
-    assert "the recordings ask for more than the law of nonlinear_heat_loss allows" in note
-    monkeypatch.setattr(outside, "_DETERMINED", 0.0)  # a limit where the data do not determine a value says nothing
+    said = "the recordings ask for more than physics allows: exponent of nonlinear_heat_loss outside 0.15 to 2"
+    assert note == f"nearest in the catalogue: nonlinear_heat_loss; not named, for {said}"
+    monkeypatch.setattr(identifiability, "_DETERMINED", 0.0)  # not determined, a value at its limit says nothing
     kept, _ = beyond_names(parts, base, Choice(named, (), {"nonlinear_heat_loss": 1.0}, {}), Evidence(), [])
     assert kept.state is named
 

@@ -6,10 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from scpjax.diagnose import candidates, evidence, outside, screen, select
+from scpjax.diagnose import evidence, select
 from scpjax.diagnose.evidence import Comparison, Evidence
 from scpjax.diagnose.patience import Patience
-from scpjax.diagnose.select import Choice
 
 
 @dataclass(frozen=True)
@@ -212,66 +211,6 @@ def test_another_way_that_falls_behind_is_left(monkeypatch):
     assert ("b", "c") not in asked
 
 
-@pytest.mark.parametrize(("second", "asked"), [(105.0, {100.0, 105.0}), (115.0, set())])
-def test_fits_that_are_close_are_fitted_afresh(monkeypatch, second, asked):
-    """Not where one mechanism alone is close, under however many laws; a fit that gets no better stays."""
-
-    def fit(cost):
-        return SimpleNamespace(cost=cost)
-
-    def afresh(state, split, own):
-        assert own == (second == 115.0)
-        begun.append(state.cost)
-        return SimpleNamespace(cost=90.0 if state.cost == 105.0 else 101.0)
-
-    begun: list[float] = []
-    monkeypatch.setattr(candidates, "afresh", afresh)
-    monkeypatch.setattr(candidates, "at_noise", lambda state, *_: second == 105.0)
-    fitted = {"a": {0: fit(100.0), 1: fit(300.0)}, "b": {0: fit(second)}}
-    found = candidates.contested(fit(110.0), fitted, None)  # type: ignore[arg-type]
-    assert set(begun) == asked
-    assert found["a"][0].cost == 100.0
-    assert found["a"][1].cost == 300.0
-    assert found["b"][0].cost == (90.0 if asked else second)
-    assert candidates.contested(fit(110.0), {}, None) == {}  # type: ignore[arg-type]
-
-
-def test_the_closest_law_of_what_gains_much_is_fitted_afresh(monkeypatch):
-    """A few times the noise off may be a valley it is stuck in, where another mechanism is close; not if it gains
-    less, and not its other laws."""
-
-    def fit(cost):
-        return SimpleNamespace(cost=cost)
-
-    monkeypatch.setattr(candidates, "at_noise", lambda *_: False)
-    monkeypatch.setattr(
-        candidates, "afresh", lambda state, split, own: fit(80.0 if state.cost == 300.0 else state.cost)
-    )
-    fitted = {"a": {0: fit(100.0)}, "b": {0: fit(700.0), 1: fit(300.0)}, "c": {0: fit(700.0)}}
-    found = candidates.contested(fit(1000.0), fitted, None)  # type: ignore[arg-type]
-    assert found["b"][1].cost == 80.0
-    assert (found["a"][0].cost, found["b"][0].cost, found["c"][0].cost) == (100.0, 700.0, 700.0)
-    asked: list[float] = []
-    monkeypatch.setattr(candidates, "afresh", lambda state, split, own: asked.append(state.cost))
-    alone = {"a": {0: fit(100.0), 1: fit(300.0)}, "c": {0: fit(700.0)}}
-    assert candidates.contested(fit(1000.0), alone, None) == alone  # type: ignore[arg-type]
-    assert asked == []
-
-
-@pytest.mark.parametrize(("better", "law"), [(True, "wide"), (False, "narrow")])
-def test_a_wider_law_of_a_name_has_to_be_better_no_more(monkeypatch, better, law):
-    """The name has its evidence by any law; one without it never speaks for it."""
-    m = SimpleNamespace(laws=("wide", "narrow", "other"), free_parameters=lambda law: range((3, 1, 1)[law]))
-
-    def by(law, cost, accepted):
-        return Comparison(SimpleNamespace(cost=cost), "m", law, 1e3 - cost, 0.5, 0.0, 0.5, accepted)  # type: ignore[arg-type]
-
-    found = [by("wide", 90.0, True), by("narrow", 100.0, True), by("other", 10.0, False)]
-    monkeypatch.setattr(candidates, "is_better", lambda a, b, *_: better and a.cost < b.cost)
-    assert candidates._best_law(m, found, None, Evidence()).law == law  # type: ignore[arg-type]
-    assert candidates._best_law(m, found[2:], None, Evidence()).law == "other"  # type: ignore[arg-type]
-
-
 def test_the_search_can_be_ended_with_the_first_name(monkeypatch):
     asked = played(monkeypatch, {"a": 500.0, "ab": 1.0})
     found = select.choose(Played((), 1000.0), None, Evidence(), None, enough=lambda s: s.names == ("a",))  # type: ignore[arg-type]
@@ -304,74 +243,3 @@ def test_what_only_led_the_others_to_a_better_fit_is_taken_out(monkeypatch):
     monkeypatch.setattr(select, "compare", missed)
     assert select.prune(state(("a", "b")), None, Evidence()).names == ("a",)  # type: ignore[arg-type]
     assert select.prune(state(("a", "c")), None, Evidence()).names == ("a", "c")  # type: ignore[arg-type]
-
-
-def fitted(monkeypatch, taken, abreast, *, near, names=()):
-    """Which of 14 mechanisms are fitted, each taking a share away; ``abreast`` of those behind the first promise nearly
-    what it does, the rest half of it. ``near``: whether the hypothesis is near the noise."""
-    tried = []
-    state = SimpleNamespace(names=names, cost=10_100.0, setup=None)
-    split = SimpleNamespace(is_train=np.ones(100, bool), train=None)
-    promises = [
-        SimpleNamespace(mechanism=SimpleNamespace(name=f"m{i}"), gain=100.0 - i if i <= abreast else 50.0 - i)
-        for i in range(14)
-    ]
-    problem = SimpleNamespace(space=None)
-    monkeypatch.setattr(screen, "at_noise", lambda *_: near)
-    monkeypatch.setattr(screen, "grown", lambda setup, m: tried.append(m.name) or problem)
-    start = SimpleNamespace(law=0, laws=None)
-    monkeypatch.setattr(screen, "starts_with", lambda *_: [start])
-    monkeypatch.setattr(screen, "_best_starts", lambda promise: [start])
-    monkeypatch.setattr(screen, "_compiled", lambda *_: None)
-    for name in ("_transfer", "from_their_starts", "trial_at"):
-        monkeypatch.setattr(screen, name, lambda *_: [None])
-    monkeypatch.setattr(screen, "solve_all", lambda *_, **__: ([], np.array([10_100.0 - taken * 10_000.0]), None))
-    monkeypatch.setattr(screen, "go_on", lambda problem, split, solved, cost, *_: (solved, cost))
-    monkeypatch.setattr(screen, "_by_law", lambda *_: {})
-    screen.fit_promising(state, split, promises, None, 40, lambda text: None)  # type: ignore[arg-type]
-    assert tried == [f"m{i}" for i in range(len(tried))]
-    return len(tried)
-
-
-@pytest.mark.parametrize(("taken", "abreast", "count"), [(0.9, 0, 5), (0.3, 0, 10), (0.9, 6, 7), (0.9, 14, 10)])
-def test_twice_as_many_are_fitted_where_none_explains_much_or_others_promise_as_much(
-    monkeypatch, taken, abreast, count
-):
-    assert fitted(monkeypatch, taken, abreast, near=True) == count
-
-
-def test_where_no_first_name_comes_near_the_noise_all_are_fitted(monkeypatch):
-    assert fitted(monkeypatch, 0.9, 0, near=False) == 14
-    assert fitted(monkeypatch, 0.9, 0, near=False, names=("a",)) == 6
-
-
-@pytest.mark.parametrize(("after", "kept"), [(110.0, ("a",)), (300.0, ("a", "b"))])
-def test_a_small_last_name_gives_way_to_a_correction_that_does_better(monkeypatch, after, kept):
-    def state(names, left):
-        return SimpleNamespace(names=names, left=left)
-
-    both, one, corrected = state(("a", "b"), 200.0), state(("a",), 250.0), state(("a",), after)
-    monkeypatch.setattr(outside, "_unexplained", lambda s, there: s.left)
-    monkeypatch.setattr(outside, "without", lambda s, name, split: one if name == "b" else None)
-    monkeypatch.setattr(outside, "form_at_most", lambda base, s, parts: True)
-    monkeypatch.setattr(outside, "level", lambda s, parts: 2.0)
-    monkeypatch.setattr(outside, "_correction", lambda s, parts, rules: SimpleNamespace(state=corrected))
-    parts = SimpleNamespace(is_held=None)
-    choice = Choice(both, (), {"a": 0.9, "b": 0.8}, {"a": (), "b": ("c",)})  # type: ignore[arg-type]
-    found, learned = outside._corrected_rather_than_named(parts, one, choice, Evidence())  # type: ignore[arg-type]
-    assert found.state.names == kept
-    assert set(found.probability) == set(found.equivalents) == set(kept)
-    assert (learned is not None) == (kept == ("a",))
-
-
-@pytest.mark.parametrize(("square", "looked"), [(1.0, False), (1.2, False), (4.0, True)])
-def test_a_base_that_leaves_little_has_not_been_bent(monkeypatch, square, looked):
-    """Mechanisms are tried from the parameters first suggested only where much is left that a bent base could hide."""
-    asked = []
-    nothing = SimpleNamespace(structure=SimpleNamespace(mechanisms=[]))
-    monkeypatch.setattr(candidates, "misfit", lambda *_: np.array([1.0, square]))
-    monkeypatch.setattr(candidates, "screen", lambda *_: [])
-    monkeypatch.setattr(candidates, "fresh", lambda *_: asked.append(True))
-    monkeypatch.setattr(candidates, "fit_promising", lambda *_: {})
-    assert candidates.try_all(None, None, Evidence(), nothing, max_steps=1, tell=print) == []  # type: ignore[arg-type]
-    assert bool(asked) == looked

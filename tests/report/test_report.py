@@ -71,10 +71,8 @@ def test_json_has_the_keys_of_the_contract(tmp_path):
     named = d["mechanisms"][0]
     assert {"name", "subsystem", "probability", "parameters", "equivalents", "says"} <= set(named)
     assert named["as_well"] == ["heat lost = T s(x)"]
-    assert (
-        "A term that no mechanism is would do as well here: heat lost = T s(x)."
-        in (tmp_path / "report.html").read_text()
-    )
+    said = "Nor from a term outside the catalogue: heat lost = T s(x), with s a smooth curve."
+    assert said in (tmp_path / "report.html").read_text()
     assert {"value", "std", "unit"} <= set(named["parameters"]["coefficient"])
     assert {"name", "delta_bic", "held_out_gain", "probability"} <= set(d["ranking"][0])
     assert d["ranking"][2]["held_out_gain"] is None  # NaN is no JSON
