@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 from fits.concealed.score import Score
-from fits.concealed.tally import calibration, confusion
+from fits.concealed.tally import by_method, calibration, confusion
 
 INK, RIGHT, WRONG = "0.25", "tab:blue", "tab:red"
 SHOWN = 30.0  # kept-file errors beyond this are drawn at it
@@ -57,16 +56,12 @@ def _fine(effect: str, said: str, scores: Sequence[Score]) -> bool:
 
 
 def draw_kept(scores: Sequence[Score], others: Mapping[str, Mapping[str, float]], folder: Path) -> str:
-    """Every case a dot, sorted by the misfit of the base model; one row of dots per method."""
-    methods: dict[str, Mapping[str, float]] = {
-        "base model": {s.name: s.kept_base for s in scores},
-        "scpjax": {s.name: s.kept for s in scores},
-        **others,
-    }
+    """Every case that all methods were given a dot; one row of dots per method."""
+    methods, common = by_method(scores, others)
     figure, axis = plt.subplots(figsize=(7, 3.2), layout="constrained")
     rng = np.random.default_rng(0)
     for i, errors in enumerate(methods.values()):
-        x = np.array([v for v in errors.values() if not math.isnan(v)])
+        x = np.array([errors[n] for n in sorted(common) if n in errors])
         if not len(x):
             continue
         spread = i + rng.uniform(-0.22, 0.22, len(x))
@@ -75,7 +70,8 @@ def draw_kept(scores: Sequence[Score], others: Mapping[str, Mapping[str, float]]
         axis.plot([min(middle, SHOWN)] * 2, [i - 0.34, i + 0.34], color=INK, lw=1.6)
     axis.axvline(1.15, color=INK, ls=":", lw=1)
     ticks = [1, 2, 5, 10, SHOWN]
-    axis.set(xscale="log", xlim=(0.9, SHOWN * 1.08), xlabel="RMSE on kept files over noise (line: median; dots: 1.15)")
+    label = f"RMSE on kept files over noise, {len(common)} cases that all were given (line: median; dots: 1.15)"
+    axis.set(xscale="log", xlim=(0.9, SHOWN * 1.08), xlabel=label)
     axis.set_xticks(ticks, [f"{t:g}" for t in ticks[:-1]] + [f"≥ {SHOWN:g}"])
     axis.minorticks_off()
     axis.set_yticks(range(len(methods)), list(methods))

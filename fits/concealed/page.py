@@ -12,7 +12,7 @@ import numpy as np
 
 from fits.concealed.figures import draw_calibration, draw_confusion, draw_kept
 from fits.concealed.score import GOOD, HARMLESS, Score
-from fits.concealed.tally import by_verdict, calibration, goals, median
+from fits.concealed.tally import by_method, by_verdict, calibration, goals, median
 
 Others = Mapping[str, Mapping[str, float]]
 _WHAT = """\
@@ -111,21 +111,26 @@ def _outcomes(scores: Sequence[Score]) -> list[str]:
 
 
 def _kept(scores: Sequence[Score], others: Others) -> list[str]:
-    methods: dict[str, dict[str, float]] = {
-        "base model": {s.name: s.kept_base for s in scores},
-        "scpjax": {s.name: s.kept for s in scores},
-        **{m: dict(e) for m, e in others.items()},
-    }
+    methods, common = by_method(scores, others)
     rows = []
     for sort in ("null", "single", "foreign", "pair", "triple", "outside"):
         names = [s.name for s in scores if s.sort == sort]
-        for method, errors in methods.items():
-            x = np.array([errors[n] for n in names if n in errors and not math.isnan(errors[n])])
-            if len(x):
-                far = int(np.sum(~np.isfinite(x)))
-                within = f"{np.mean(x <= 1.15):.0%}"
-                rows.append((sort, method, len(x), *(_number(v) for v in _quantiles(x)), within, far or ""))
+        mine = {m: [n for n in names if n in errors] for m, errors in methods.items()}
+        rows += [_error_row(sort, m, [methods[m][n] for n in given]) for m, given in mine.items() if given]
+        both = [n for n in names if n in common]
+        if both and any(given and given != both for given in mine.values()):
+            rows += [
+                _error_row(f"{sort}, given to all", m, [methods[m][n] for n in both])
+                for m, given in mine.items()
+                if given
+            ]
     return [_table(("", "method", "cases", "median", "90 %", "within 1.15", "diverged"), rows)]
+
+
+def _error_row(sort: str, method: str, errors: Sequence[float]) -> tuple[object, ...]:
+    x = np.array(errors)
+    far = int(np.sum(~np.isfinite(x)))
+    return (sort, method, len(x), *(_number(v) for v in _quantiles(x)), f"{np.mean(x <= 1.15):.0%}", far or "")
 
 
 def _quantiles(x: np.ndarray) -> tuple[float, float]:

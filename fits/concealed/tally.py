@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -14,6 +14,21 @@ from fits.concealed.score import GOOD, HARMLESS, Score
 
 SEEN = ("moderate", "strong")
 BINS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
+
+
+def by_method(
+    scores: Sequence[Score], others: Mapping[str, Mapping[str, float]]
+) -> tuple[dict[str, dict[str, float]], set[str]]:
+    """(error on kept files by method and case, cases that every method was given): only those are to be compared, as a
+    run may leave the baselines out.
+    """
+    methods: dict[str, dict[str, float]] = {
+        "base model": {s.name: s.kept_base for s in scores},
+        "scpjax": {s.name: s.kept for s in scores},
+        **{m: dict(e) for m, e in others.items()},
+    }
+    methods = {m: {n: v for n, v in errors.items() if not math.isnan(v)} for m, errors in methods.items()}
+    return methods, set.intersection(*([set(errors) for errors in methods.values() if errors] or [set()]))
 
 
 @dataclass(frozen=True)

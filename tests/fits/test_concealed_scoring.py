@@ -3,6 +3,7 @@
 import json
 import math
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from fits.concealed.pool import Worker
 from fits.concealed.score import Score, score
 from fits.concealed.seal import seal
 from fits.concealed.store import Store
-from fits.concealed.tally import calibration, confusion, goals
+from fits.concealed.tally import by_method, calibration, confusion, goals
 
 
 def truth(*effects, sort="single", catalogue=True, subsystem="thermoelectric", tier="strong", name="a"):
@@ -169,6 +170,20 @@ def test_the_page_shows_every_case(tmp_path):
     assert "1 of the cases had been run" in text
     assert "| explained | 1 | 2 |" in text
     assert "diverged" in text
+    methods, common = by_method(scores, others | {"pysindy": {"b": 2.0}})
+    assert methods["base model"] == {}
+    assert common == {"b"}, "a method without any is none"
+    judged = [replace(s, kept_base=5.0) for s in scores]
+    methods, common = by_method(judged, others | {"pysindy": {"b": 2.0, "a": math.nan}})
+    assert common == {"b"}
+    assert methods["pysindy"] == {"b": 2.0}
+    text = write_page(tmp_path, judged, others, commit="abc", of=515, asked=asked, seen={"b"}).read_text()
+    assert "| single | scpjax | 2 |" in text
+    assert "| null | base model | 1 |" in text
+    assert "null, given to all" not in text
+    text = write_page(tmp_path, judged, {"narx": {"a": 1.5}}, commit="abc", of=515, asked=asked, seen={"b"}).read_text()
+    assert "| single, given to all | scpjax | 1 |" in text
+    assert "| single, given to all | narx | 1 | 1.50 |" in text
 
 
 @pytest.fixture(scope="module")
