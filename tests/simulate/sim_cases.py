@@ -26,7 +26,15 @@ ACTUATOR |= {"damping": 8.0, "mass": 0.3}
 
 # a value far from null for each left-out mechanism; one not listed here takes its first start value
 ACTIVE = {
-    "ambient_drift": {"drift": 0.4, "time_constant": 1.5, "reference": 20.0, "reference_time": 6.0},
+    "ambient_drift": {
+        "drift": 0.4,
+        "time_constant": 1.5,
+        "quadrature": -0.2,
+        "begin": 1.25,
+        "end": 3.5,
+        "reference": 20.0,
+        "reference_time": 6.0,
+    },
     "antagonist_load": {"strength": 0.7, "onset": 0.4, "length": 0.5, "reference": 0.0025},
     "creep": {
         "compliance": 0.3,
@@ -36,6 +44,7 @@ ACTIVE = {
         "activation": 0.1,
         "shift": 15.0,
         "hardening": 0.2,
+        "exponent": 0.4,
         "reference": 0.0025,
         "reference_temperature": 20.0,
     },

@@ -88,6 +88,8 @@ SMALL = 0.1 * 0.0025  # m, that activated creep may lack
 def creeping(law):
     if law == 4:
         return activated()
+    if law == 7:
+        return going_on()
     first, second, ratio = {1: (0.3, 0.2, 4.0), 2: (0.15, 0.15, 10.0)}.get(law, (0.3, 0.0, 4.0))
 
     def time(t, ahead, quick):
@@ -95,7 +97,7 @@ def creeping(law):
         return 2.0 * slower.get(law, np.exp(abs(quick) / (0.2 * 0.0025)) if law == 6 else 1.0)
 
     def rates(_t, z, u):
-        t, x, v, quick, slow = z
+        t, x, v, quick, slow, *_ = z
         immediate = x - quick - slow
         ahead = first * immediate - quick
         return [
@@ -103,28 +105,49 @@ def creeping(law):
             *mechanics(x, v, t, K * immediate),
             ahead / time(t, ahead, quick),
             (second * immediate - slow) / (2.0 * ratio),
+            0.0,
+            0.0,
         ]
 
     # long at rest under the pull: the spring's own stretch, and what has crept since
     x = START[1]
-    return rates, (START[0], (1 + first + second) * x, START[2], first * x, second * x)
+    return rates, (START[0], (1 + first + second) * x, START[2], first * x, second * x, 0.0, 0.0)
+
+
+def going_on():
+    """Four branches, each five times as slow as the one before and 5^0.4 times as compliant, 0.3 together."""
+    late = 5.0 ** np.arange(-1.5, 2.0)
+    compliances = 0.3 * late**0.4 / np.sum(late**0.4)
+
+    def rates(_t, z, u):
+        t, x, v, *crept = z
+        immediate = x - sum(crept)
+        return [
+            (u / R - LAM * t) / C_TH,
+            *mechanics(x, v, t, K * immediate),
+            *(compliances * immediate - crept) / (2.0 * late),
+        ]
+
+    return rates, (START[0], 1.3 * START[1], START[2], *compliances * START[1])
 
 
 def activated():
     """A dashpot that flows as a hyperbolic sine of what pulls it, in the displacement crept itself."""
 
     def rates(_t, z, u):
-        t, x, v, crept, _ = z
+        t, x, v, crept, *_ = z
         ahead = 0.3 * (x - crept) - crept
         return [
             (u / R - LAM * t) / C_TH,
             *mechanics(x, v, t, K * (x - crept)),
             SMALL / 2.0 * np.sinh(ahead / SMALL),
             0.0,
+            0.0,
+            0.0,
         ]
 
     x = START[1]
-    return rates, (START[0], 1.3 * x, START[2], 0.3 * x, 0.0)
+    return rates, (START[0], 1.3 * x, START[2], 0.3 * x, 0.0, 0.0, 0.0)
 
 
 def hysteresis(law):
@@ -187,7 +210,7 @@ def test_mechanism_is_its_equation(case):
         x, crept = wanted[:, 1], wanted[:, 3]
         wanted = np.array(wanted)
         wanted[:, 3] = np.tanh((0.3 * (x - crept) - crept) / (2.0 * SMALL))
-        z0 = (*z0[:3], 0.0, 0.0)
+        z0 = (*z0[:3], 0.0, 0.0, 0.0, 0.0)
 
     model, start = case_of(name, law)
     names = model.structure.state_names
@@ -235,7 +258,13 @@ def dead_zone(law):
 
 
 def drifting_room(law):
-    shape = {0: lambda t: t / 6, 1: lambda t: 1 - np.exp(-t / 1.5), 2: lambda t: np.sin(t / 1.5)}[law]
+    settled = lambda t: 1 - np.exp(-max(t, 0.0) / 1.5)  # noqa: E731
+    shape = {
+        0: lambda t: t / 6,
+        1: settled,
+        2: lambda t: np.sin(t / 1.5) - 0.5 * (1 - np.cos(t / 1.5)),
+        3: lambda t: settled(t - 1.25) - settled(t - 3.5),
+    }[law]
     return plant(loss=lambda t, z: -LAM * 0.4 * 20 * shape(t))
 
 
@@ -307,7 +336,7 @@ def drifting_sensor(_law):
 TERMS = {
     "supply_sag": (sagging, 4),
     "drive_dead_zone": (dead_zone, 2),
-    "ambient_drift": (drifting_room, 3),
+    "ambient_drift": (drifting_room, 4),
     "nonlinear_thermal_force": (bent_force, 4),
     "thermal_softening": (softening, 3),
     "slack": (slack, 3),

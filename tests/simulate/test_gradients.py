@@ -28,7 +28,10 @@ STEP = 1e-3  # of each quantity's scale; the differences are of fourth order
 KINK_STEP = 1e-5  # where a kink may lie within the greater one
 FAST_COMPILE = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
 # at the representative dead time the held drive's edges meet the steps', and its derivative differs by side
-ELSEWHERE = {"input_delay": {"input_delay.time": 0.1234}}
+ELSEWHERE = {
+    "input_delay": {"input_delay.time": 0.1234},
+    "ambient_drift": {"ambient_drift.begin": 0.2137, "ambient_drift.end": 0.9643},  # within the recording and a step
+}
 
 
 def loss_of(structure, recording, method):

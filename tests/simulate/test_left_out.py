@@ -82,6 +82,26 @@ def test_a_link_pulls_its_joint_back_as_a_pendulum():
     assert angles[0] > 1.05 * abs(angles[1]) > 0.2  # the higher it is, the shorter the lever that is left to raise
 
 
+@pytest.mark.parametrize("law", [4, 5])
+def test_muscles_of_a_joint_need_not_pull_alike(law):
+    """At rest: 2 k x + a k (x - x_0) = C (T_1 - (1 + g) T_2), the spring that the antagonist is beyond x_0 alone."""
+    base = presets.aaa(PLANT, pulley_radius=0.015)
+    structure = extended(base.structure, "antagonist_load")
+    laws = [float(law) * (m.name == "antagonist_load") for m in structure.mechanisms]
+    numbers = {"strength": 1.5, "onset": 0.3, "excess": 0.4, "reference": 0.004}
+    model = Model(structure, laws=laws).replace(base.values() | {f"antagonist_load.{k}": v for k, v in numbers.items()})
+    k, c = (float(PLANT.value(key)) for key in ("elastic_spring.stiffness", "thermal_actuation.coefficient"))
+    for first, second in ((90.0, 10.0), (10.0, 90.0)):
+        pull = c * (first - 1.4 * second)
+        x = pull / (2 * k)
+        if law == 5 and x > 0.0012:
+            x = (pull + 1.5 * k * 0.0012) / (3.5 * k)
+        z = model.initial(temperature=jnp.array([first, second])).at[2].set(x)
+        effort = model.balances().holding([z[i] for i in range(len(z))], jnp.zeros(2))
+        force = np.asarray(model.rates(z, effort))[3] * float(model.balances().moving_mass)
+        np.testing.assert_allclose(force / (c * 90.0), 0.0, atol=1e-2)  # the spring's corner is rounded
+
+
 def test_every_mechanism_vanishes_in_a_joint():
     base = presets.aaa(PLANT, pulley_radius=0.015)
     model = Model(extended(base.structure, *(m.name for m in left_out()))).replace(base.values())

@@ -20,22 +20,31 @@ class AntagonistLoad(Mechanism):
     equation = (
         "law one-sided spring: F = -a k (x - x_0) beyond x_0;  law hardening: F = -a k (x - x_0)^2/x_ref beyond x_0;  "
         "law rubber band: F = -a k L (f(s) - f(s_0)), f = (s - 1/s^2)(1 + 1/s)/f'(s_0), s = s_0 + x/L, s_0 = 1.1;  "
-        "law link: F = -a k x_ref (sin(phi_0 + x/r) - sin(phi_0)) on a joint whose pulley has the radius r"
+        "law link: F = -a k x_ref (sin(phi_0 + x/r) - sin(phi_0)) on a joint whose pulley has the radius r;  "
+        "law uneven: the antagonist pulls with c (1 + g);  law uneven, one-sided spring: and, stretched beyond x_0, "
+        "is such a spring"
     )
     source = (
         "unilateral spring: Shaw, Holmes, J. Sound Vib. 90 (1983) 129; Hertzian hardening: Johnson, Contact Mechanics; "
         "rubber: Mooney, J. Appl. Phys. 11 (1940) 582, with equal constants; "
-        "link: the gravity torque of a pendulum, Spong, Hutchinson, Vidyasagar, Robot Modeling and Control, ch. 7"
+        "link: the gravity torque of a pendulum, Spong, Hutchinson, Vidyasagar, Robot Modeling and Control, ch. 7; "
+        "uneven: two muscles of one joint with coefficients of their own in thesis (3.7)"
     )
     says = (
         "A second spring, a rubber band, another muscle or the weight of what a joint raises takes up part of the "
-        "pull, and not in proportion."
+        "pull, and not in proportion; or the two muscles of a joint do not pull alike."
     )
     needs = ("mechanical",)
     excited_by = "steady states from small to large displacements"
-    laws = ("one-sided spring", "hardening", "rubber band", "link")
-    law_needs: ClassVar[dict[int, tuple[str, ...]]] = {3: ("joint",)}
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"onset": (0, 1), "length": (2,), "angle": (3,)}
+    laws = ("one-sided spring", "hardening", "rubber band", "link", "uneven", "uneven, one-sided spring")
+    law_needs: ClassVar[dict[int, tuple[str, ...]]] = dict.fromkeys((4, 5), ("joint", "thermal")) | {3: ("joint",)}
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {
+        "strength": (0, 1, 2, 3, 5),
+        "onset": (0, 1, 5),
+        "length": (2,),
+        "angle": (3,),
+        "excess": (4, 5),
+    }
     parameters = (
         Parameter(
             name="strength",
@@ -80,6 +89,17 @@ class AntagonistLoad(Mechanism):
             spread=1.0,
         ),
         Parameter(
+            name="excess",
+            symbol="g",
+            unit="1",
+            description="by how much the antagonist pulls harder for its warmth than the agonist (laws uneven)",
+            typical=0.0,
+            bounds=(-0.9, 3.0),
+            null=0.0,
+            scale="linear",
+            spread=0.5,
+        ),
+        Parameter(
             name="reference",
             symbol="x_ref",
             unit="m",
@@ -90,7 +110,7 @@ class AntagonistLoad(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.7, 0.5, 1.0, 0.7, 0.0), (2.0, 0.75, 0.2, -0.7, 0.0))
+    starts = ((0.7, 0.5, 1.0, 0.7, 0.3, 0.0), (2.0, 0.75, 0.2, -0.7, -0.3, 0.0))
 
     def force(self, p: Values, view: View) -> Side:
         stretch = jnp.maximum(STRETCHED + view.displacement / (p.reference * p.length), SHORTEST)
@@ -99,7 +119,11 @@ class AntagonistLoad(Mechanism):
         if view.radius:  # there is one link, and the agonist raises it
             raised = jnp.sin(p.angle + view.displacement / view.radius) - jnp.sin(p.angle)
             pull = jnp.where(p.law == 3, raised * jnp.array([1.0, 0.0]), pull)
-        return -p.strength * view.shared["stiffness"] * p.reference * pull
+            harder = p.excess * view.shared["coefficient"] * view.actuating * jnp.array([0.0, 1.0])
+        else:
+            harder = 0.0
+        back = p.strength * view.shared["stiffness"] * p.reference * pull
+        return jnp.where(p.law > 3, harder, -back)
 
     def resistance(self, p: Values, view: View, force: Side) -> Side:
         """Of the springs that engage, at the displacement that a step would end at: y beyond the onset.
@@ -117,8 +141,10 @@ class AntagonistLoad(Mechanism):
         share = yields * back
         linear = free / (1.0 + share)
         square = 2.0 * free / (1.0 + jnp.sqrt(1.0 + 4.0 * share * jnp.maximum(free, 0.0)))
-        engaged = jnp.where(p.law == 0, linear, square * square)
-        return jnp.where(p.law < 2, -back, 0.0) * p.reference * engaged
+        engaged = jnp.where(p.law == 1, square * square, linear)
+        if view.radius:  # under law uneven, one-sided spring, by the antagonist alone
+            engaged = jnp.where((p.law == 5) & (jnp.arange(2) == 1), 0.0, engaged)
+        return jnp.where((p.law < 2) | (p.law == 5), -back, 0.0) * p.reference * engaged
 
 
 def _rubber(s: Side | float) -> Side | float:

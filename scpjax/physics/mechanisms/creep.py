@@ -10,6 +10,7 @@ from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
 _MOST = 10.0  # nepers, by which warmth or what has crept changes the retardation time
 DECADE = 10.0  # between the branches of law logarithmic; their sum follows a logarithm to 4 % of a decade's creep
+STEP, STEPS = 5.0, 4  # between the branches of law power, of which there are so many
 
 
 class Creep(Mechanism):
@@ -22,11 +23,13 @@ class Creep(Mechanism):
         "law slow recovery: r tau on the way back;  "
         "law activated: tau dx_c/dt = s x_ref sinh((J e - x_c)/(s x_ref));  "
         "law thermal: tau exp((T_ref/2 - T)/T_s) in the place of tau;  "
-        "law hardening: tau exp(|x_c|/(h x_ref)) in the place of tau"
+        "law hardening: tau exp(|x_c|/(h x_ref)) in the place of tau;  law power: four branches, tau_i = 5^i tau, "
+        "i = -3/2 .. 3/2, J_i = J 5^(n i)/(sum of these), which follow e t^n from tau/11 to 11 tau"
     )
     source = (
         "Kelvin-Voigt branches in series with the spring: Findley, Lai, Onaran, Creep and Relaxation of Nonlinear "
-        "Viscoelastic Materials, ch. 5; logarithmic: a flat spectrum of retardation times, ch. 5 there; activated: "
+        "Viscoelastic Materials, ch. 5; power: Findley's law, ch. 3 there, as a sum of exponentials; logarithmic: a "
+        "flat spectrum of retardation times, ch. 5 there; activated: "
         "Eyring, J. Chem. Phys. 4 (1936) 283, a dashpot in a standard linear solid: Halsey, White, Eyring, Text. Res. "
         "J. 15 (1945) 295; thermal: times shift together with temperature, Williams, Landel, Ferry, J. Am. Chem. Soc. "
         "77 (1955) 3701, here straight in T; hardening: the rate falls exponentially with what has crept, Cottrell, "
@@ -35,7 +38,7 @@ class Creep(Mechanism):
     says = "Under a steady pull the polymer keeps giving way slowly, and comes back slowly."
     needs = ("mechanical",)
     excited_by = "long holds after a step"
-    laws = ("one branch", "two branches", "logarithmic", "slow recovery", "activated", "thermal", "hardening")
+    laws = ("one branch", "two branches", "logarithmic", "slow recovery", "activated", "thermal", "hardening", "power")
     law_needs: ClassVar[dict[int, tuple[str, ...]]] = {5: ("thermal",)}
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {
         "slow_compliance": (1,),
@@ -43,10 +46,11 @@ class Creep(Mechanism):
         "activation": (4,),
         "shift": (5,),
         "hardening": (6,),
+        "exponent": (7,),
         "reference": (4, 6),
         "reference_temperature": (5,),
     }
-    states = ("creep_displacement", "slow_creep_displacement")
+    states = ("creep_displacement", *(f"{how}_creep_displacement" for how in ("slow", "slower", "slowest")))
     parameters = (
         Parameter(
             name="compliance",
@@ -62,8 +66,8 @@ class Creep(Mechanism):
             name="time_constant",
             symbol="τ",
             unit="s",
-            description="retardation time; at half the reference temperature (law thermal), where nothing has crept "
-            "(law hardening)",
+            description="retardation time; of the quicker branch (laws two branches, logarithmic), in the middle (law "
+            "power), at half the reference temperature (law thermal), where nothing has crept (law hardening)",
             typical=1.0,
             bounds=(0.02, 100.0),
             null=1.0,
@@ -124,6 +128,17 @@ class Creep(Mechanism):
             spread=1.5,
         ),
         Parameter(
+            name="exponent",
+            symbol="n",
+            unit="1",
+            description="power of the time with which creep goes on (law power)",
+            typical=0.3,
+            bounds=(-1.0, 1.5),
+            null=0.3,
+            scale="linear",
+            spread=0.4,
+        ),
+        Parameter(
             name="reference",
             symbol="x_ref",
             unit="m",
@@ -144,49 +159,60 @@ class Creep(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.3, 1.0, 0.2, 4.0, 0.1, 30.0, 0.2, 0.0, 0.0), (0.5, 5.0, 0.3, 4.0, 0.03, 60.0, 0.1, 0.0, 0.0))
+    starts = ((0.3, 1.0, 0.2, 4.0, 0.1, 30.0, 0.2, 0.3, 0.0, 0.0), (0.5, 5.0, 0.3, 4.0, 0.03, 60.0, 0.1, 0.3, 0.0, 0.0))
 
-    def _branches(self, p: Values) -> tuple[Side, Side, Side]:
-        """Compliances of both branches, and the ratio of their times."""
-        spread = p.law == 2
-        slow = jnp.where(p.law == 1, p.slow_compliance, jnp.where(spread, 0.5 * p.compliance, 0.0))
-        return p.compliance * jnp.where(spread, 0.5, 1.0), slow, jnp.where(spread, DECADE, p.slow_ratio)
+    def _branches(self, p: Values) -> list[tuple[Side, Side]]:
+        """Compliance of every branch, and its time as a multiple of the time constant."""
+        logarithmic, power = p.law == 2, p.law == 7
+        weights = [jnp.exp(jnp.log(STEP) * p.exponent * i) for i in range(STEPS)]
+        shares = [jnp.where(power, w / sum(weights), 0.0) for w in weights]
+        shares[0] = jnp.where(power, shares[0], jnp.where(logarithmic, 0.5, 1.0))
+        shares[1] = jnp.where(logarithmic, 0.5, shares[1])
+        compliances = [share * p.compliance for share in shares]
+        compliances[1] = jnp.where(p.law == 1, p.slow_compliance, compliances[1])
+        middle = 0.5 * (STEPS - 1)
+        times = [jnp.where(power, STEP ** (i - middle), 1.0) for i in range(STEPS)]
+        times[1] = jnp.where(logarithmic, DECADE, jnp.where(power, times[1], p.slow_ratio))
+        return list(zip(compliances, times, strict=True))
 
     def deflection(self, p: Values, view: View, deflection: Side) -> Side:
         return deflection - self._crept(p, view)
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
-        quick, slow = view.own
-        immediate = view.displacement - quick - slow
-        compliance, slow_compliance, ratio = self._branches(p)
+        quick, *slow = view.own
+        immediate = view.displacement - quick - sum(slow)
+        (compliance, first), *slower_branches = self._branches(p)
         ahead = compliance * immediate - quick
         slower = jnp.where((p.law == 3) & (ahead * quick < 0), p.slow_ratio, 1.0)
         colder = jnp.where(p.law == 5, (0.5 * p.reference_temperature - view.temperature) / p.shift, 0.0)
         harder = jnp.where(p.law == 6, jnp.abs(quick) / (p.hardening * p.reference), 0.0)
-        time = p.time_constant * slower * jnp.exp(jnp.clip(colder + harder, -_MOST, _MOST))
+        time = first * p.time_constant * slower * jnp.exp(jnp.clip(colder + harder, -_MOST, _MOST))
         lacking = _within(quick)
         pushed = (1.0 - lacking**2) * p.compliance * view.velocity / (2.0 * p.activation * p.reference)
         activated = pushed - (1.0 + p.compliance) * quick / p.time_constant
         return (
             jnp.where(p.law == 4, activated, ahead / time),
-            (slow_compliance * immediate - slow) / (ratio * p.time_constant),
+            *(
+                (j * immediate - crept) / (ratio * p.time_constant)
+                for (j, ratio), crept in zip(slower_branches, slow, strict=True)
+            ),
         )
 
     def carried(self, p: Values, before: View, after: View, step: Array) -> tuple[Side, ...]:
         """Law activated, solved for a steady velocity: dw/dt = a (1 - w^2) - b w, a Riccati equation."""
-        w, slow = _within(before.own[0]), after.own[1]
+        w = _within(before.own[0])
         moved = after.displacement - before.displacement
         a = p.compliance * moved / (2.0 * p.activation * p.reference)
         b = (1.0 + p.compliance) * step / p.time_constant
         d = jnp.sqrt(b * b + 4.0 * a * a + 1e-30)
         t = jnp.tanh(0.5 * d)
         solved = (w * (d - b * t) + 2.0 * a * t) / (d + (b + 2.0 * a * w) * t)
-        return jnp.where(p.law == 4, solved, after.own[0]), slow
+        return jnp.where(p.law == 4, solved, after.own[0]), *after.own[1:]
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
-        quick, slow, _ = self._branches(p)
-        immediate = view.displacement / (1 + quick + slow)
-        return (jnp.where(p.law == 4, 0.0, quick * immediate), slow * immediate)
+        quick, *slow = (compliance for compliance, _ in self._branches(p))
+        immediate = view.displacement / (1 + quick + sum(slow))
+        return (jnp.where(p.law == 4, 0.0, quick * immediate), *(j * immediate for j in slow))
 
     def _crept(self, p: Values, view: View) -> Side:
         """Displacement [m] that came late.
@@ -194,10 +220,10 @@ class Creep(Mechanism):
         Under law activated the first state is w = tanh(y/2), y = (J e - x_c)/(s x_ref): dy/dt = J/(s x_ref) de/dt -
         sinh(y)/tau then has no term that grows without bound, and x_c follows from w and x.
         """
-        quick, slow = view.own
+        quick, *slow = view.own
         lacking = 2.0 * p.activation * p.reference * jnp.arctanh(_within(quick))
         activated = (p.compliance * view.displacement - lacking) / (1.0 + p.compliance)
-        return jnp.where(p.law == 4, activated, quick + slow)
+        return jnp.where(p.law == 4, activated, quick + sum(slow))
 
 
 def _within(w: Side) -> Side:
