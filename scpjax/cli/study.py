@@ -125,7 +125,7 @@ def say_diagnosis(arguments: Namespace, d: Diagnosis) -> None:
     for m in d.mechanisms:
         law = f" ({m.law})" if m.law else ""
         say(arguments, f"\n{m.name}{law}: {m.title}, {m.subsystem}, probability {percent(m.probability)}")
-        say(arguments, f"  {m.says}")
+        say(arguments, f"  {m.says} {m.differs}".rstrip())
         say_parameters(arguments, m.parameters)
         if m.equivalents:
             say(arguments, f"  not told apart from: {', '.join(m.equivalents)}")

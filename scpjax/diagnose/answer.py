@@ -137,7 +137,8 @@ def _named(choice: Choice, every: Mapping, as_well: tuple[str, ...]) -> tuple[Na
     laws = choice.state.laws
     for name in choice.state.names:
         m = choice.state.setup.structure.mechanism(name)
-        mine = {k.split(".")[1]: e for k, e in every.items() if k.startswith(f"{name}.")}
+        mine = {k.split(".", 1)[1]: e for k, e in every.items() if k.startswith(f"{name}.")}
+        own = [key.split(".", 1) for key in choice.state.setup.structure.own]
         out.append(
             Named(
                 name=name,
@@ -151,6 +152,7 @@ def _named(choice: Choice, every: Mapping, as_well: tuple[str, ...]) -> tuple[Na
                 equation=m.equation,
                 source=m.source,
                 as_well=as_well,
+                by_recording=tuple(p for mechanism_, p in own if mechanism_ == name),
             )
         )
     return tuple(out)

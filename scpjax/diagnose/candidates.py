@@ -34,7 +34,7 @@ def try_all(
     for promise in promises:
         m = promise.mechanism
         found = [
-            compare(state, after, m.name, m.laws[law], split, rules, len(m.free_parameters(law)))
+            compare(state, after, m.name, m.laws[law], split, rules, after.setup.structure.count_free(m.name, law))
             for law, after in fitted.get(m.name, {}).items()
         ]
         if found:

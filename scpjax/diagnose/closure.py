@@ -72,7 +72,7 @@ def learn(state: State, split: Split, rules: Evidence, subsystems: Sequence[str]
         return None
     current, chosen = _pruned(problem, current, chosen, split, rules)
     whole = compare(before, current, "closure", "", split, rules, len(chosen))
-    if not whole.accepted or (_steep(problem, chosen) and not integrable(current, split)):
+    if not whole.accepted or (_steep(problem, chosen) and not integrable(current, split, before)):
         return None
     return Learned(current, chosen, whole)
 

@@ -19,12 +19,13 @@ from scpjax.abreast import abreast
 from scpjax.diagnose.evidence import Comparison, Evidence, are_alike, compare
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.trials import State, fit_leading, grown, integrable, laws_of
-from scpjax.fit.problem import CEILING, Trial, initial_state, unpack
+from scpjax.fit.problem import CEILING, Trial, by_recording, initial_state, unpack
 from scpjax.fit.setup import Setup, carry
 from scpjax.fit.solve import binned_of, evaluate, make_room, stack
 from scpjax.physics.catalogue import mechanism
 from scpjax.physics.curves import PIECES, VARIABLES, WEIGHTS, Form, basis, form_of, share_of
 from scpjax.physics.mechanism import Mechanism
+from scpjax.physics.model import Model
 from scpjax.recordings.recording import Recording
 from scpjax.simulate.drive import Grid
 from scpjax.simulate.simulate import node_states
@@ -119,7 +120,7 @@ def curves(
     make_room()
     where = [m for m in able if m.subsystem in subsystems] or able
     found = abreast(lambda m: _of(m, state, split, rules, allowed), where)  # each has a program to be compiled
-    return [c for c in itertools.chain(*found) if c.evidence.accepted and _stands(c, split)]
+    return [c for c in itertools.chain(*found) if c.evidence.accepted and _stands(c, state, split)]
 
 
 def best_of(found: Sequence[Curve], state: State, split: Split, rules: Evidence) -> Curve | None:
@@ -141,11 +142,12 @@ def ranges(state: State, split: Split) -> dict[str, float]:
     data, sides = split.whole, len(model.structure.sides)
     names = model.structure.state_names
 
-    def one(grid: Grid, effort: Array, values: Array) -> tuple[Array, Array]:
-        z0 = initial_state(model, state.setup.space.locals, values, effort)
-        return node_states(model, grid, z0, order=data.order)
+    def one(grid: Grid, effort: Array, values: Array, m: Model) -> tuple[Array, Array]:
+        z0 = initial_state(m, state.setup.space.locals, values, effort)
+        return node_states(m, grid, z0, order=data.order)
 
-    states, efforts = jax.jit(jax.vmap(one))(data.grids, jnp.asarray(data.start_effort), local)
+    every = by_recording(model, data)
+    states, efforts = jax.jit(jax.vmap(one))(data.grids, jnp.asarray(data.start_effort), local, every)
     fitted = np.asarray(split.train.weights).sum(axis=2) > 0
     nodes = [np.asarray(at)[mine] for at, mine in zip(np.asarray(data.grids.at), fitted, strict=True)]
     states, efforts = (np.concatenate([np.asarray(x)[i, at] for i, at in enumerate(nodes)]) for x in (states, efforts))
@@ -235,12 +237,12 @@ def finer(found: Curve, before: State, split: Split, rules: Evidence) -> Curve:
     (more_of_it,) = _fitted(problem, before, split, rules, m, {law: trial})
     extra = len(more_of_it.keys) - len(found.keys)
     better = compare(found.state, more_of_it.state, "closure", "", split, rules, extra).accepted
-    return more_of_it if better and _stands(more_of_it, split) else found
+    return more_of_it if better and _stands(more_of_it, before, split) else found
 
 
-def _stands(curve: Curve, split: Split) -> bool:
+def _stands(curve: Curve, before: State, split: Split) -> bool:
     """Whether it is no artefact of the integrator, which only what depends on velocity can be."""
-    return "velocity" not in (curve.form.factor, curve.form.variable) or integrable(curve.state, split)
+    return "velocity" not in (curve.form.factor, curve.form.variable) or integrable(curve.state, split, before)
 
 
 def _trial(problem: Setup, state: State, m: Mechanism, law: int) -> Trial:

@@ -86,7 +86,7 @@ def at_its_least(state: State, name: str) -> bool:
     m = structure.mechanism(name)
     free = m.free_parameters(m.laws.index(state.laws[name]))
     strengths = [p for p in free if p.null is not None and p.null < p.bounds[0]]
-    value = {p.name: float(state.values[structure.index[f"{name}.{p.name}"]]) for p in strengths}
+    value = {p.name: float(np.max(state.values[structure.where[f"{name}.{p.name}"]])) for p in strengths}
     return bool(strengths) and all(value[p.name] < _LEAST * p.bounds[0] for p in strengths)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,8 +14,9 @@ from scpjax.diagnose.separation import Rival
 from scpjax.diagnose.trials import State
 from scpjax.errors import FitError
 from scpjax.fit.data import Data
-from scpjax.fit.problem import Space, Trial, initial_state, unpack
+from scpjax.fit.problem import Space, Trial, by_recording, initial_state, unpack
 from scpjax.fit.space import measured
+from scpjax.physics.model import Model
 from scpjax.recordings.recording import Recording
 from scpjax.simulate.drive import Grid
 from scpjax.simulate.simulate import Exponential, node_states, simulate
@@ -32,14 +32,13 @@ def _reached(trial: Trial, data: Data, space: Space) -> Array:
     model, local_values = unpack(trial.free, trial, space)
     sides = len(space.structure.sides)
 
-    def one(grid: Grid, ambient: Array, effort: Array, values: Array) -> Array:
-        m = eqx.tree_at(lambda m_: m_.ambient, model, ambient)
+    def one(grid: Grid, effort: Array, values: Array, m: Model) -> Array:
         z0 = initial_state(m, space.locals, values, effort)
         states, _ = node_states(m, grid, z0, order=data.order)
         there = jnp.arange(states.shape[0]) <= jnp.max(grid.at)
         return jnp.max(jnp.where(there[:, None], states[:, :sides], -jnp.inf))
 
-    each = jax.vmap(one)(data.grids, jnp.asarray(data.ambient), jnp.asarray(data.start_effort), local_values)
+    each = jax.vmap(one)(data.grids, jnp.asarray(data.start_effort), local_values, by_recording(model, data))
     return jnp.max(each)
 
 

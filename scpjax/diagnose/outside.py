@@ -163,7 +163,8 @@ def _nothing_stays(state: State, name: str, parts: Split, *, at_least_only: bool
     if not strengths or any(p.bounds[0] > 0.0 for p in strengths):  # on a logarithmic scale none is infinitely far
         return False
     found = estimates(state.trial, setup.space, uncertainty(state.trial, parts.train, setup.space))
-    return all(found[key].low <= 0.0 <= found[key].high for key in (f"{name}.{p.name}" for p in strengths))
+    keys = [s.key for s in setup.structure.slots if s.mechanism == name and s.parameter in strengths]
+    return all(found[key].low <= 0.0 <= found[key].high for key in keys)
 
 
 def form_rather_than_name(

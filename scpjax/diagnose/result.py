@@ -57,7 +57,8 @@ FREE = "free form"
 class Named:
     """A mechanism that the evidence supports. ``probability``: by the evidence against the others and none, times how
     often names of such a verdict were right (`scpjax.diagnose.answer.TRUSTED`). ``as_well``: terms that no mechanism of
-    the catalogue is and that predict the same here, as "heat lost = T s(x)"."""
+    the catalogue is and that predict the same here, as "heat lost = T s(x)". ``by_recording``: parameters of which each
+    recording has a value of its own ("drift@monday"); another recording is predicted with their mean."""
 
     name: str
     title: str
@@ -70,6 +71,16 @@ class Named:
     equation: str
     source: str
     as_well: tuple[str, ...] = ()
+    by_recording: tuple[str, ...] = ()
+
+    @property
+    def differs(self) -> str:
+        """What differs by recording, in a sentence; empty where nothing does."""
+        if not self.by_recording:
+            return ""
+        words = [p.replace("_", " ") for p in self.by_recording]
+        listed = " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
+        return f"It differs by recording ({listed}); another recording is predicted with the mean."
 
 
 @dataclass(frozen=True)
@@ -190,6 +201,7 @@ class Diagnosis:
                     "parameters": {k: e.to_dict() for k, e in m.parameters.items()},
                     "equivalents": list(m.equivalents),
                     "as_well": list(m.as_well),
+                    "by_recording": list(m.by_recording),
                     "says": m.says,
                 }
                 for m in self.mechanisms

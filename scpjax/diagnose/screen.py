@@ -17,6 +17,7 @@ from scpjax.diagnose.trials import (
     TOLERANCE,
     Start,
     State,
+    alike,
     at_noise,
     from_their_starts,
     go_on,
@@ -50,6 +51,7 @@ def screen(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Me
     of one mechanism together promise what their best mixture with no negative share does.
     """
     residual, clean = _beyond_parameters(state.setup, state.trial, split)
+    catalogue = alike(catalogue, state.setup)
     starts = [s for m in mechanisms for s in starts_with(state, m, catalogue)]
     simulated, blown = _simulated(starts, split, catalogue)
     changed = clean(simulated - residual)
@@ -104,6 +106,7 @@ def fresh(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Mec
     friction) that the mechanism promises nothing there. None where nothing improves by a share worth it.
     """
     setup = state.setup
+    catalogue = alike(catalogue, setup)
     value = setup.starts[0].copy()
     for slot in setup.structure.slots:
         if slot.mechanism not in setup.structure.base:
@@ -268,7 +271,7 @@ def _transfer(start: Start, like: Start, problem: Setup) -> Trial:
     value = like.value.copy()
     m = start.mechanism
     for k, p in enumerate(m.parameters):
-        value[problem.structure.index[f"{m.name}.{p.name}"]] = start.own[k]
+        value[problem.structure.where[f"{m.name}.{p.name}"]] = start.own[k]
     return trial_at(problem, value, like.laws)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -12,6 +13,7 @@ from scpjax.abreast import abreast
 from scpjax.diagnose.candidates import try_all
 from scpjax.diagnose.evidence import Comparison, Evidence, ahead, compare, equals, is_better, probabilities, worthwhile
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.own import ROOM, own_room, released
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.trials import (
@@ -131,12 +133,19 @@ def choose(
     branches = [_Branch(base)]
     rounds: list[list[_Tried]] = []
     leaders: list[_Branch] = []
+    rooms: list[_Branch] = []  # that begin with a room which differs by recording
     for round_ in range(1, rules.most + 1):
         if len(leaders) >= _SURE and search.patience.over():
             break
         tell("every mechanism", round_)
         rounds.append([_tried(search, way, round_, tell) for way in branches])
         further = [b for found in rounds[-1] for b in _one_more(search, found)]
+        if not any(at_noise(b.state, split) for b in further):
+            tell("what may differ by recording", round_)
+            own = [b for found in rounds[-1] for b in _with_own_room(search, found)]
+            rooms = rooms if rounds[1:] else own
+            own += [b for way in further if not way.ended and (b := _with_own_values(search, way))]
+            further += [b for b in own if at_noise(b.state, split, FAR)]
         leaders.append(leader := _best(further, split, rules))
         if leader.ended or at_noise(leader.state, split):
             break
@@ -146,11 +155,11 @@ def choose(
         others = (b for b in further if not b.ended and set(b.state.names) != set(leader.state.names))
         branches = [leader, *others][:_WAYS]
     choice, mend = _choice(leaders[-1]), mend or (lambda choice: choice)
-    if not choice.state.names or at_noise(choice.state, split, FAR):
+    if at_noise(choice.state, split, FAR):
         return choice
-    choice = mend(choice)
+    choice = mend(choice) if choice.state.names else choice
     if not at_noise(choice.state, split, FAR):
-        other = _by_another_way(search, rounds[0][0], leaders, choice.state, tell)
+        other = _by_another_way(search, rounds[0][0], rooms, leaders, choice.state, tell)
         choice = choice if other is None else mend(_choice(other))
     strongest = next((c.added for c in rounds[0][0].accepted if c.added in choice.state.names), None)
     return choice if strongest is None else replace(choice, state=in_order(choice.state, strongest, split))
@@ -227,29 +236,59 @@ def _named(search: _Search, found: _Tried, c: Comparison) -> _Branch:
     return _Branch(state, found.ranking, tried, own, way.equivalents | {c.added: like})
 
 
+def _with_own_room(search: _Search, found: _Tried) -> list[_Branch]:
+    """The way with a room that has a course of its own in each recording, where there is evidence for one."""
+    c = own_room(found.way.state, search.split, search.rules)
+    if c is None or not worthwhile(found.way.state, c.state, search.base, search.split, search.rules.worth):
+        return []
+    tried = (c, *(o for o in found.tried if o.added != ROOM))
+    last, law = found.ranking[-1].round, f"{c.law}, by recording"
+    ranked = Ranked(c.added, c.delta_bic, c.held_out_gain, probabilities(tried)[c.added], law, last)
+    with_it = replace(found, ranking=(*found.ranking, ranked), tried=tried, accepted=[c, *found.accepted])
+    way = _named(search, with_it, c)
+    return [way] if ROOM in way.state.names else []
+
+
+def _with_own_values(search: _Search, way: _Branch) -> _Branch | None:
+    """The way with a parameter of its mechanisms that has a value of its own in each recording, if there is evidence
+    for one.
+    """
+    state = released(way.state, search.split, search.rules)
+    return None if state is None else replace(way, state=state)
+
+
 def _by_another_way(
-    search: _Search, first: _Tried, leaders: Sequence[_Branch], best: State, tell: Callable[[str, int], None]
+    search: _Search,
+    first: _Tried,
+    rooms: Sequence[_Branch],
+    leaders: Sequence[_Branch],
+    best: State,
+    tell: Callable[[str, int], None],
 ) -> _Branch | None:
-    """The best of ways that begin with another name of the first round, each gone on for as long as it leads what led
-    at its length; None where none is better than ``best``, where the search has come to.
+    """The best of ways that begin with another name of the first round, or with one of ``rooms``, each gone on for as
+    long as it leads what led at its length; None where none is better than ``best``, where the search has come to.
+    A room that differs by recording can take many forms: with it the noise has to be reached.
 
     What speaks for the name with which such a way begins is all that the way has ahead of what led before.
     """
     split, rules = search.split, search.rules
     leader: _Branch | None = None
-    for c in [c for c in first.accepted if c.added not in leaders[0].state.names][:_OTHERS]:
+    others = [c for c in first.accepted if c.added not in leaders[0].state.names][:_OTHERS]
+    begun = ((c.added, _named(search, first, c)) for c in others)
+    for name, way in itertools.chain(((ROOM, room) for room in rooms), begun):
         if search.patience.over():
             break
-        way = _named(search, first, c)
         for round_ in range(2, rules.most + 1):
             (way,) = _one_more(search, _tried(search, way, round_, tell), ways=1)
             if way.ended or not is_better(way.state, leaders[min(round_, len(leaders)) - 1].state, split, rules):
                 break
             if at_noise(way.state, split):
                 break
+        if way.state.setup.structure.own and not at_noise(way.state, split, FAR):
+            continue
         if is_better(way.state, best, split, rules) and _earned(search, best, way.state):
             own = float(expit(ahead(way.state, best, split, rules) / 2))
-            leader, best = replace(way, own={c.added: own}), way.state
+            leader, best = replace(way, own={name: own}), way.state
         if at_noise(best, split):
             break
     return leader
@@ -271,7 +310,7 @@ def prune(state: State, split: Split, rules: Evidence) -> State:
     for name in whole.names:
         fewer = bare[name] if state is whole else without(state, name, split)
         m = state.setup.structure.mechanism(name)
-        extra = len(m.free_parameters(m.laws.index(state.laws[name])))
+        extra = state.setup.structure.count_free(name, m.laws.index(state.laws[name]))
         if not compare(fewer, state, name, "", split, rules, extra).accepted:
             state = fewer
     return state
@@ -304,6 +343,6 @@ def _under(state: State, m: Mechanism, law: int, split: Split, added: Sequence[P
     """The hypothesis with one of its mechanisms under another law, fitted from where it stands."""
     setup, value, laws = state.setup, state.values, np.asarray(state.trial.laws).copy()
     for p in added:
-        value[setup.structure.index[f"{m.name}.{p.name}"]] = start_value(setup, m, p)
+        value[setup.structure.where[f"{m.name}.{p.name}"]] = start_value(setup, m, p)
     laws[next(i for i, other in enumerate(setup.structure.mechanisms) if other.name == m.name)] = law
     return at_rest(setup, split, [trial_at(setup, value, laws)], max_steps=80)

@@ -60,7 +60,7 @@ class Rival(eqx.Module):
         n, space, trial = len(self.index), self.space, self.trial
         free = jnp.asarray(trial.free).at[self.index].set(moving[:n])
         values = space.values(free, trial.fixed, trial.active)
-        model = Model(space.structure, values[: space.n_theta], trial.laws)
+        model = Model(space.structure, values[: space.n_theta], trial.laws).on_average()
         return eqx.tree_at(lambda m: m.ambient, model, jnp.asarray(self.ambient, model.theta.dtype))
 
     def begun(self, moving: Array | np.ndarray) -> Array:

@@ -63,10 +63,15 @@ def grown(setup: Setup, *added: Mechanism) -> Setup:
     return restructured(setup, setup.structure.with_mechanisms(*added))
 
 
+def alike(setup: Setup, like: Setup) -> Setup:
+    """The problem with the parameters that differ by recording in another one."""
+    s = like.structure
+    return restructured(setup, setup.structure.with_own(s.recordings, *s.own)) if s.own else setup
+
+
 def reduced(setup: Setup, name: str) -> Setup:
     """The problem without one mechanism."""
-    kept = tuple(m for m in setup.structure.mechanisms if m.name != name)
-    return restructured(setup, replace(setup.structure, mechanisms=kept))
+    return restructured(setup, setup.structure.without(name))
 
 
 def laws_of(old: Setup, laws: np.ndarray, new: Setup) -> np.ndarray:
@@ -88,8 +93,9 @@ def moving_parameters(setup: Setup, laws: np.ndarray) -> np.ndarray:
 
 def width(setup: Setup) -> int:
     """Places enough for any laws of the mechanisms in the model."""
-    mine = [m for m in setup.structure.mechanisms if not (m.is_base or m.learned)]
-    return int(setup.base_active.sum()) + sum(sum(not p.fixed for p in m.parameters) for m in mine)
+    s = setup.structure
+    mine = {m.name for m in s.mechanisms if not (m.is_base or m.learned)}
+    return int(setup.base_active.sum()) + sum(x.mechanism in mine and not x.parameter.fixed for x in s.slots)
 
 
 def trial_at(setup: Setup, value: np.ndarray, laws: np.ndarray) -> Trial:
@@ -107,12 +113,12 @@ def starts_with(state: State, added: Mechanism, problem: Setup) -> list[Start]:
         for start in added.starts:
             value, vector = now.copy(), laws.copy()
             for k, p in enumerate(added.parameters):
-                i = problem.structure.index[f"{added.name}.{p.name}"]
+                i = problem.structure.where[f"{added.name}.{p.name}"]
                 value[i] = problem.fixed[i] if p.fixed else start[k] * _unit(problem, p)
                 if not p.fixed and p not in added.free_parameters(law):
                     value[i] = null[i]
             vector[which] = law
-            own = tuple(float(value[problem.structure.index[f"{added.name}.{p.name}"]]) for p in added.parameters)
+            own = tuple(float(value[problem.structure.where[f"{added.name}.{p.name}"][0]]) for p in added.parameters)
             out.append(Start(added, law, own, value, vector))
     return out
 
@@ -132,18 +138,21 @@ def residual_on(trial: Trial, data: Data, setup: Setup) -> np.ndarray:
     return binned_of([trial], data, setup.space)[0]
 
 
-def integrable(state: State, split: Split) -> bool:
-    """Whether the integrator of the other order predicts the same, within half the noise: a force that changes steeply
-    with velocity may fit by the errors of the steps alone.
+def integrable(state: State, split: Split, before: State | None = None) -> bool:
+    """Whether the integrator of the other order predicts the same, within half the noise or, of what was added to
+    ``before``, within a quarter of what that changed: a force that changes steeply with velocity may fit by the errors
+    of the steps alone.
     """
     data = split.whole.with_order(4 if split.whole.order == 2 else 2)
     other = residual_on(state.trial, data, state.setup)
     there = split.is_train | split.is_held
     cut_off = np.any(np.abs(other[there]) >= CEILING)
-    return not cut_off and bool(np.sqrt(np.mean((other - state.residual)[there] ** 2)) < SAME)
+    far = lambda a: float(np.sqrt(np.mean((a - state.residual)[there] ** 2)))  # noqa: E731
+    return not cut_off and far(other) < max(SAME, 0.0 if before is None else _BY_STEPS * far(before.residual))
 
 
 SAME = 0.5  # RMS difference of predictions, in units of the noise, up to which they are the same
+_BY_STEPS = 0.25  # of what a closure changes, that may be due to the integrator's steps
 FAR = 1.15**2
 """Mean square, in units of the noise's, above which a hypothesis ends away from it."""
 FEW, NEARLY = 12, 0.2  # steps of all; of the leader's gain after them, with less than which one is left there
@@ -237,7 +246,7 @@ def from_their_starts(setup: Setup, laws: np.ndarray) -> list[np.ndarray]:
                 continue
             for p in m.free_parameters(int(law)):
                 start = m.starts[which][m.parameters.index(p)]
-                value[setup.structure.index[f"{m.name}.{p.name}"]] = start * _unit(setup, p)
+                value[setup.structure.where[f"{m.name}.{p.name}"]] = start * _unit(setup, p)
         if not any(np.array_equal(value, other) for other in out):
             out.append(value)
     return out
@@ -267,7 +276,7 @@ def under_every_law(state: State, name: str, split: Split) -> State:
     it stands; the best of them.
     """
     setup, m = state.setup, state.setup.structure.mechanism(name)
-    null, index = np.asarray(setup.starts[0]), setup.structure.index
+    null, where = np.asarray(setup.starts[0]), setup.structure.where
     which = setup.structure.mechanisms.index(m)
     trials = []
     for law in laws_that_can_act(setup, m):
@@ -277,7 +286,7 @@ def under_every_law(state: State, name: str, split: Split) -> State:
             value = state.values
             for p, own in zip(m.parameters, start, strict=True):
                 if not p.fixed:
-                    i = index[f"{name}.{p.name}"]
+                    i = where[f"{name}.{p.name}"]
                     value[i] = own * _unit(setup, p) if p in free else null[i]
             trials.append(trial_at(setup, value, laws))
     return at_rest(setup, split, trials)

@@ -17,7 +17,7 @@ from scpjax.fit.identifiability import estimates, uncertainty
 from scpjax.fit.metrics import mae, nrmse, rmse
 from scpjax.fit.problem import Trial, unpack
 from scpjax.fit.result import Fit, Trace
-from scpjax.fit.setup import Setup, prepare
+from scpjax.fit.setup import Setup, names_of, prepare
 from scpjax.fit.solve import outputs_of, solve, stack
 from scpjax.physics.model import Model
 from scpjax.recordings.recording import Recording
@@ -205,8 +205,9 @@ def fit(
 
 
 def final_model(setup: Setup, trial: Trial) -> Model:
-    """Model of a trial, with the ambient of the first recording."""
+    """Model of a trial, with the ambient of the first recording, and the mean of what differs by recording."""
     model, _ = unpack(trial.free, trial, setup.space)
+    model = model.on_average()
     return eqx.tree_at(lambda m: m.ambient, model, jnp.asarray(setup.data.ambient[0]))
 
 
@@ -252,14 +253,14 @@ def traces(
     space = (extended_setup or setup).space
     both = [first, first if extended is base else np.asarray(outputs_of(extended, data, space))]
     out = []
-    for i, r in enumerate(setup.recordings):
+    for (i, r), name in zip(enumerate(setup.recordings), names_of(setup.recordings), strict=True):
         for j, stem in columns(setup.structure, r):
             channel = next(c for c in r.output_channels if c.stem == stem)
             drive = np.column_stack([c.unit.from_si(r.inputs[:, m]) for m, c in enumerate(r.input_channels)])
             hidden = np.zeros(r.n, bool) if held_out is None else held_out[i, : r.n, j]
             out.append(
                 Trace(
-                    recording=r.metadata.name or f"recording {i}",
+                    recording=name,
                     column=channel.column,
                     time=np.asarray(r.time),
                     drive=drive,

@@ -61,28 +61,38 @@ def predict_outputs(
 ) -> Float[Array, "r n y"]:
     """Simulated outputs at the samples of every recording."""
 
-    def one(grid: Grid, ambient: Array, effort: Array, values: Array) -> Array:
-        m = eqx.tree_at(lambda m_: m_.ambient, model, ambient)
+    def one(grid: Grid, effort: Array, values: Array, m: Model) -> Array:
         z0 = initial_state(m, locals_, values, effort)
         states, efforts = node_states(m, grid, z0, order=data.order)
         return at_samples(jax.vmap(m.observe)(states, efforts), grid)
 
-    return jax.vmap(one)(data.grids, jnp.asarray(data.ambient), jnp.asarray(data.start_effort), local_values)
+    return jax.vmap(one)(data.grids, jnp.asarray(data.start_effort), local_values, by_recording(model, data))
+
+
+def by_recording(model: Model, data: Data) -> Model:
+    """The model of every recording, in its room: leaves with a leading axis."""
+    rooms = jnp.asarray(data.ambient)
+    return jax.vmap(lambda i, room: _in_room(model.of_recording(i), room))(jnp.arange(rooms.shape[0]), rooms)
+
+
+def _in_room(model: Model, ambient: Array) -> Model:
+    return eqx.tree_at(lambda m: m.ambient, model, ambient)
 
 
 def binned_residuals(
     model: Model, data: Data, locals_: Locals, local_values: Float[Array, "r l"]
 ) -> Float[Array, "r k y"]:
     """(simulated - recorded) summed over bins, so scaled that white noise of std sigma gives unit variance."""
-    return jax.vmap(lambda mine, values: _binned(model, mine, locals_, values), in_axes=(data.by_recording(), 0))(
-        data, local_values
-    )
+    return jax.vmap(
+        lambda mine, i, values: _binned(model.of_recording(i), mine, locals_, values),
+        in_axes=(data.by_recording(), 0, 0),
+    )(data, jnp.arange(local_values.shape[0]), local_values)
 
 
 def _binned(model: Model, data: Data, locals_: Locals, values: Float[Array, " l"]) -> Float[Array, "k y"]:
-    """`binned_residuals` of one recording: ``data`` without its leading axis."""
+    """`binned_residuals` of one recording: ``data`` without its leading axis, ``model`` its own."""
     grid = data.grids
-    m = eqx.tree_at(lambda m_: m_.ambient, model, data.ambient)
+    m = _in_room(model, jnp.asarray(data.ambient))
     z0 = initial_state(m, locals_, values, jnp.asarray(data.start_effort))
     advance, drive = stepper(m, grid, z0, order=data.order)
     observe = m.balances().observe
@@ -177,7 +187,7 @@ def residuals_of(values: Float[Array, "m all"], laws: Float[Array, "m mechanisms
     def of_one(mine: Data, i: Array) -> Array:
         def of_model(value: Array, law: Array) -> Array:
             model, local_values = _parts(value, law, space)
-            return _whitened(_binned(model, mine, space.locals, local_values[i]), mine)
+            return _whitened(_binned(model.of_recording(i), mine, space.locals, local_values[i]), mine)
 
         return jax.vmap(of_model)(values, laws)
 
@@ -238,7 +248,7 @@ def sensitivities(
 def _misfit(moving: Array, trial: Trial, space: Space, robust: float, mine: Data, i: Array) -> Float[Array, "k y"]:
     """Filtered residuals of recording ``i``, which ``mine`` is."""
     model, local_values = unpack(trial.free.at[trial.index].set(moving), trial, space)
-    r = _whitened(_binned(model, mine, space.locals, local_values[i]), mine)
+    r = _whitened(_binned(model.of_recording(i), mine, space.locals, local_values[i]), mine)
     return soften(r, robust) if robust > 0 else r
 
 

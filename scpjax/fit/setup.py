@@ -71,8 +71,10 @@ def carry(old: Structure, new: Structure, vector: np.ndarray, default: np.ndarra
     """A vector over the parameters of ``old`` (and the locals) as one over those of ``new``, ``default`` where new."""
     out = np.concatenate([default, vector[len(old.slots) :]])
     for i, slot in enumerate(new.slots):
-        if slot.key in old.index:
-            out[i] = vector[old.index[slot.key]]
+        shared = f"{slot.mechanism}.{slot.parameter.name}"  # what all recordings had before each has its own
+        key = slot.key if slot.key in old.index or not slot.recording else shared
+        if key in old.index:
+            out[i] = vector[old.index[key]]
     return out
 
 
@@ -99,6 +101,12 @@ def restructured(setup: Setup, structure: Structure) -> Setup:
         base_active=moved(setup.base_active, np.zeros(size, bool)).astype(bool),
         starts=starts,
     )
+
+
+def names_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """A name for every recording, no two alike."""
+    names = [r.metadata.name or f"recording {i}" for i, r in enumerate(recordings)]
+    return tuple(n if names.count(n) == 1 else f"{n} ({names[:i].count(n) + 1})" for i, n in enumerate(names))
 
 
 def choose_model(recordings: Sequence[Recording], model: str | None = None) -> str:

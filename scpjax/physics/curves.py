@@ -3,7 +3,8 @@
 ``s(w) = sum_k c_k (B(n z - k) - B(n z_0 - k))`` with z from 0 to 1 over the range that was seen, z_0 where w is 0, B
 the cardinal cubic B-spline and n the number of pieces (de Boor, A Practical Guide to Splines, 2001, ch. IX); s is 0 at
 rest, and beyond the range goes on straight for `BEYOND` of it, then stays as it is. Of the time z is a logarithm, as
-what drifts or wears does so the most at first: z = ln(1 + a t/t_high)/ln(1 + a).
+what drifts or wears does so the most at first: z = ln(1 + a t/t_high)/ln(1 + a). Of the velocity it is one too, to both
+sides of rest, near which an actuator mostly is: z goes with asinh(b v/max |v|).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ PIECES = (3, 6)
 """Numbers of pieces between which the recordings choose."""
 _MOST = max(PIECES) + 2
 _EARLY = 20.0  # a, in the z of the time
+_SLOW = 20.0  # b, in the z of the velocity
 BEYOND = 0.5
 """Of the range, for which a curve goes on beyond its ends."""
 WEIGHTS = tuple(f"c{k + 1}" for k in range(_MOST))
@@ -96,13 +98,20 @@ def share_of(variable: str, value: ArrayLike, low: ArrayLike, high: ArrayLike) -
     """z: where a value lies in the range, from 0 to 1."""
     if variable == "time":
         return jnp.log1p(_EARLY * jnp.asarray(value) / high) / math.log1p(_EARLY)
-    return (jnp.asarray(value) - low) / (jnp.asarray(high) - low)
+    value, low, high = (jnp.asarray(x) for x in (value, low, high))
+    if variable == "velocity":
+        value, low, high = (jnp.arcsinh(_SLOW * x / jnp.maximum(-low, high)) for x in (value, low, high))
+    return (value - low) / (high - low)
 
 
 def value_at(variable: str, z: np.ndarray, low: float, high: float) -> np.ndarray:
     """The value at a place in the range: the inverse of `share_of`."""
     if variable == "time":
         return high * np.expm1(z * math.log1p(_EARLY)) / _EARLY
+    if variable == "velocity":
+        most = max(-low, high)
+        first, last = (math.asinh(_SLOW * x / most) for x in (low, high))
+        return most * np.sinh(first + z * (last - first)) / _SLOW
     return low + z * (high - low)
 
 

@@ -65,10 +65,35 @@ class Model(eqx.Module):
             raise ModelError(f"no parameter {key!r}", mend=f"the model has {sorted(self.structure.index)}")
         return self.structure.index[key]
 
+    # -- of several recordings -----------------------------------------------------------------------------------
+
+    def of_recording(self, i: Array | int) -> Model:
+        """The model of recording ``i``, with its values of what differs by recording (`Structure.own`)."""
+        s = self.structure
+        return Model(s.plain, self.theta[jnp.asarray(s.in_recording)[i]], self.laws, self.ambient) if s.own else self
+
+    def on_average(self) -> Model:
+        """The model of a recording of which nothing is known: with the mean of what differs by recording, which is that
+        of ln(value) for a parameter on log scale.
+        """
+        s = self.structure
+        if not s.own:
+            return self
+        every = self.theta[jnp.asarray(s.in_recording)]
+        slots = s.plain.slots
+        log = np.array([slot.parameter.scale == "log" for slot in slots])
+        mean = jnp.where(log, jnp.exp(jnp.mean(jnp.log(jnp.where(log, every, 1.0)), axis=0)), jnp.mean(every, axis=0))
+        differs = np.array([f"{slot.mechanism}.{slot.parameter.name}" in s.own for slot in slots])
+        return Model(s.plain, jnp.where(differs, mean, every[0]), self.laws, self.ambient)
+
     # -- the balances --------------------------------------------------------------------------------------------
 
     def balances(self, *, step: Number = 0.0, core: bool = False) -> Balances:
         """The balances with the values put in, to be evaluated many times; ``step`` and ``core`` as of `Balances`."""
+        if self.structure.own:
+            raise ModelError(
+                f"{', '.join(self.structure.own)} differ by recording", mend="ask of_recording(i), or on_average()"
+            )
         return Balances(self.structure, self.theta, self.laws, self.ambient, jnp.asarray(step, self.theta.dtype), core)
 
     def rates(self, z: Float[Array, " n"], effort: Float[Array, " sides"]) -> Float[Array, " n"]:

@@ -7,6 +7,7 @@ last state.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -32,17 +33,23 @@ EFFORT_UNITS: dict[DriveKind, str] = {
 
 @dataclass(frozen=True)
 class Slot:
-    """Where one parameter of one mechanism (on one side, where sides differ) lies in the parameter vector."""
+    """Where one parameter of one mechanism (on one side, or in one recording, where these differ) lies in the parameter
+    vector.
+    """
 
     mechanism: str
     parameter: Parameter
     index: int
     side: str = ""
+    recording: str = ""
 
     @property
     def key(self) -> str:
-        """Name in files and reports: ``elastic_spring.stiffness``, ``elastic_spring.stiffness@agonist``."""
-        return f"{self.mechanism}.{self.parameter.name}" + (f"@{self.side}" if self.side else "")
+        """Name in files and reports: ``elastic_spring.stiffness``, ``elastic_spring.stiffness@agonist``,
+        ``ambient_drift.drift@monday``.
+        """
+        where = self.side or self.recording
+        return f"{self.mechanism}.{self.parameter.name}" + (f"@{where}" if where else "")
 
 
 @dataclass(frozen=True)
@@ -50,7 +57,9 @@ class Structure:
     """What a model is made of.
 
     ``sides`` is ``("",)`` for one actuator or ``("agonist", "antagonist")`` for a joint, whose coordinate is the
-    agonist's contraction ``x = r theta``. ``distinct`` names parameters ("mechanism.parameter") that differ by side.
+    agonist's contraction ``x = r theta``. ``distinct`` names parameters ("mechanism.parameter") that differ by side,
+    ``own`` those that differ by recording, of which there are ``recordings``. A model of several recordings is that of
+    one of them (`plain`) in every simulation: `scpjax.physics.model.Model.of_recording`.
     """
 
     name: str
@@ -63,6 +72,8 @@ class Structure:
     pulley_mass: float = 0.0
     distinct: tuple[str, ...] = ()
     base: tuple[str, ...] = ()
+    own: tuple[str, ...] = ()
+    recordings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         names = [m.name for m in self.mechanisms]
@@ -74,6 +85,8 @@ class Structure:
             raise ModelError(f"{self.system.name} is a whole base model", mend="use it alone, for one actuator")
         if len(self.sides) == 2 and self.mechanical and not (self.pulley_radius or 0) > 0:
             raise ModelError("a joint needs its pulley radius", mend="give [pulley] radius_m")
+        if len(set(self.recordings)) != len(self.recordings) or (self.own and not self.recordings):
+            raise ModelError(f"recordings {self.recordings} have no names of their own", mend="name each one once")
 
     @cached_property
     def system(self) -> System | None:
@@ -86,14 +99,46 @@ class Structure:
         slots: list[Slot] = []
         for m in self.mechanisms:
             for p in m.parameters:
-                sides = self.sides if f"{m.name}.{p.name}" in self.distinct else ("",)
-                slots += [Slot(m.name, p, len(slots) + i, s) for i, s in enumerate(sides)]
+                key, n = f"{m.name}.{p.name}", len(slots)
+                if key in self.own:
+                    slots += [Slot(m.name, p, n + i, recording=r) for i, r in enumerate(self.recordings)]
+                else:
+                    sides = self.sides if key in self.distinct else ("",)
+                    slots += [Slot(m.name, p, n + i, s) for i, s in enumerate(sides)]
         return tuple(slots)
 
     @cached_property
     def index(self) -> dict[str, int]:
         """Position of each parameter key in the parameter vector."""
         return {s.key: s.index for s in self.slots}
+
+    @cached_property
+    def plain(self) -> Structure:
+        """The structure of one recording."""
+        return replace(self, own=(), recordings=()) if self.own else self
+
+    @cached_property
+    def in_recording(self) -> np.ndarray:
+        """Where the parameters of `plain` lie in the parameter vector, by recording (recordings, plain parameters)."""
+        at, plain = self.index, self.plain.slots
+        own = [f"{s.mechanism}.{s.parameter.name}" in self.own for s in plain]
+        return np.array(
+            [[at[f"{s.key}@{r}" if o else s.key] for s, o in zip(plain, own, strict=True)] for r in self.recordings]
+        )
+
+    @cached_property
+    def where(self) -> dict[str, np.ndarray]:
+        """Positions of each parameter ("mechanism.parameter") in the parameter vector, by side or recording if these
+        differ.
+        """
+        out: dict[str, list[int]] = {}
+        for s in self.slots:
+            out.setdefault(f"{s.mechanism}.{s.parameter.name}", []).append(s.index)
+        return {key: np.array(at) for key, at in out.items()}
+
+    def count_free(self, name: str, law: int) -> int:
+        """How many values of a mechanism are estimated under a law."""
+        return sum(len(self.where[f"{name}.{p.name}"]) for p in self.mechanism(name).free_parameters(law))
 
     @cached_property
     def places(self) -> tuple[tuple[tuple[str, tuple[int, ...]], ...], ...]:
@@ -154,6 +199,16 @@ class Structure:
         """The same structure with more mechanisms in it."""
         present = {m.name for m in self.mechanisms}
         return replace(self, mechanisms=self.mechanisms + tuple(m for m in mechanisms if m.name not in present))
+
+    def with_own(self, recordings: Sequence[str], *own: str) -> Structure:
+        """The same structure with parameters ("mechanism.parameter") that differ by recording."""
+        return replace(self, own=tuple(dict.fromkeys((*self.own, *own))), recordings=tuple(recordings))
+
+    def without(self, name: str) -> Structure:
+        """The same structure without one mechanism."""
+        kept = tuple(m for m in self.mechanisms if m.name != name)
+        own = tuple(key for key in self.own if key.split(".")[0] != name)
+        return replace(self, mechanisms=kept, own=own, recordings=self.recordings if own else ())
 
     def typical(self) -> np.ndarray:
         """Typical values for base parameters and null values for all others."""

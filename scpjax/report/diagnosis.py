@@ -168,7 +168,7 @@ def _mechanism(m: Named) -> str:
             '<div class="card">',
             f'<header><h3>{escape(m.title + law)}</h3><span class="soft small">probability '
             f"{percent(m.probability)} · <code>{escape(m.name)}</code></span></header>",
-            page.text(m.says),
+            page.text(f"{m.says} {m.differs}".rstrip()),
             page.table(("Parameter", "", "Estimate", "95 % interval", "Unit"), rows, (2,), tight=(3, 4)),
             f'<div class="equation">{escape(m.equation)}</div>' if m.equation else "",
             others,
