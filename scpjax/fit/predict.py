@@ -23,6 +23,7 @@ from scpjax.units import parse_column
 _HALVINGS = 5  # of a step of prediction, at most
 _CHANGED = 0.003  # of an output's standard deviation, by which it may change when the steps are halved
 _CLEAR = 4.0  # standard deviations from rest beyond which a first sample says that the actuator was not at rest
+_COLDER = 6.0  # of them below the room, beyond which it says that a heated actuator was colder than that
 
 
 def predict(
@@ -99,12 +100,12 @@ def first_state(model: Model, recording: Recording, noise: Mapping[str, float]):
     if not first:
         return rest
     expected = np.asarray(model.observe(rest, jnp.asarray(effort0)))
+    n_t = len(s.sides) if s.thermal else 0
     clear = {
         j: y - expected[j]
         for j, (y, column, scale) in first.items()
-        if abs(y - expected[j]) > _CLEAR * noise.get(column, 0.0) * scale
+        if abs(y - expected[j]) > (_COLDER if j < n_t and y < expected[j] else _CLEAR) * noise.get(column, 0.0) * scale
     }
-    n_t = len(s.sides) if s.thermal else 0
     if s.thermal:
         warm = np.zeros(n_t)
         for j, d in clear.items():

@@ -64,6 +64,17 @@ def test_no_later_output_is_looked_at():
         np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.parametrize(("off", "begins"), [(5.0, 5.0), (-5.0, 0.0), (-7.0, -7.0), (3.0, 0.0)])
+def test_a_heated_actuator_is_seldom_colder_than_its_room(off, begins):
+    """A first sample ``off`` standard deviations from the room: what it says of where the actuator began."""
+    model = presets.te(resistance=1.2, conductance=0.14, thermal_mass=1.2)
+    read = np.full(200, float(model.ambient) - 273.15)
+    read[0] += 0.1 * off
+    recording = Recording.from_arrays(0.1 * np.arange(200), {"voltage_V": np.zeros(200)}, {"temperature_degC": read})
+    _, said = predict(model, recording, noise={"temperature_degC": 0.1})
+    assert said["temperature_degC"][0] - read[1] == pytest.approx(0.1 * begins, abs=1e-6)
+
+
 def test_where_a_step_goes_astray_it_is_halved():
     """An element thirty times as stiff as the spring, which slips by 0.07 mm: four steps a sample ring with it."""
     base = presets.plant(

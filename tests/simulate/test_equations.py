@@ -312,6 +312,7 @@ def tiring(law):
         2: lambda t, z, u: (max(z[0], 0) / 20) ** 1.7 / 6,
         3: lambda t, z, u: (np.tanh((z[0] / 20 - 0.5) / 0.2) + np.tanh(0.5 / 0.2)) / 2 / 6,
         4: lambda t, z, u: np.exp(4000 / (room + 20) - 4000 / (room + z[0])) / 6,
+        5: lambda t, z, u: abs((u / R - LAM * z[0]) / C_TH) / 10 / 20,
     }[law]
     worn = lambda t, z: t / 6 if law == 2 else z[3]  # noqa: E731
     return plant(force=lambda t, z, u: PULL * z[0] * (1 - 0.6 * (1 - np.exp(-0.8 / 0.6 * worn(t, z)))), own=(wear,))
@@ -340,7 +341,7 @@ TERMS = {
     "nonlinear_thermal_force": (bent_force, 4),
     "thermal_softening": (softening, 3),
     "slack": (slack, 3),
-    "fatigue": (tiring, 5),
+    "fatigue": (tiring, 6),
     "antagonist_load": (pulled_back, 3),
     "sensor_drift": (drifting_sensor, 6),
 }

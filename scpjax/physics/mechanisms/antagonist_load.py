@@ -37,7 +37,7 @@ class AntagonistLoad(Mechanism):
     needs = ("mechanical",)
     excited_by = "steady states from small to large displacements"
     laws = ("one-sided spring", "hardening", "rubber band", "link", "uneven", "uneven, one-sided spring")
-    law_needs: ClassVar[dict[int, tuple[str, ...]]] = dict.fromkeys((4, 5), ("joint", "thermal")) | {3: ("joint",)}
+    law_needs: ClassVar[dict[int, tuple[str, ...]]] = {3: ("joint",), 4: ("joint", "thermal"), 5: ("joint", "thermal")}
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {
         "strength": (0, 1, 2, 3, 5),
         "onset": (0, 1, 5),

@@ -10,7 +10,7 @@ from scpjax.physics.smooth import rise
 
 _COLD = 1e-6  # of the reference excess, below which nothing ages: a power's slope is finite there
 _FROZEN = 50.0  # K, below which no actuator is
-STROKES = 10.0  # travels of the reference displacement for which the loss is stated
+STROKES = 10.0  # travels of the reference displacement, or of the reference excess, for which the loss is stated
 
 
 class Fatigue(Mechanism):
@@ -21,12 +21,14 @@ class Fatigue(Mechanism):
         "F = C T (1 - b (1 - exp(-a w/b))), w = 0 at the start;  law strokes: dw/dt = |v|/(10 x_ref);  "
         "law heat: dw/dt = (max(T, 0)/T_ref)^n / t_ref;  law time: w = t/t_ref;  "
         "law onset: dw/dt = (tanh((T/T_ref - c)/d) + tanh(c/d))/2 / t_ref;  "
-        "law Arrhenius: dw/dt = exp(E (1/(T_amb + T_ref) - 1/(T_amb + T))) / t_ref"
+        "law Arrhenius: dw/dt = exp(E (1/(T_amb + T_ref) - 1/(T_amb + T))) / t_ref;  "
+        "law thermal cycles: dw/dt = |dT/dt|/(10 T_ref)"
     )
     source = (
         "loss of stroke over cycles of twisted and coiled nylon: Haines et al., Science 343 (2014) 868; annealing "
         "under load, and its onset at a transition: Struik, Physical Aging in Amorphous Polymers and Other Materials, "
-        "ch. 4; ageing of polymers by Arrhenius' law: Celina, Gillen, Assink, Polym. Degrad. Stab. 90 (2005) 395"
+        "ch. 4; ageing of polymers by Arrhenius' law: Celina, Gillen, Assink, Polym. Degrad. Stab. 90 (2005) 395; "
+        "thermal cycles: Coffin, Trans. ASME 76 (1954) 931, here in proportion to the path of the temperature"
     )
     says = "With every stroke, or every hot minute, the coil's pull grows weaker."
     needs = ("mechanical",)
@@ -38,7 +40,8 @@ class Fatigue(Mechanism):
         "width": (3,),
         "activation": (4,),
     }
-    laws = ("strokes", "heat", "time", "onset", "Arrhenius")
+    laws = ("strokes", "heat", "time", "onset", "Arrhenius", "thermal cycles")
+    law_needs: ClassVar[dict[int, tuple[str, ...]]] = {5: ("thermal",)}
     states = ("wear",)
     parameters = (
         Parameter(
@@ -46,8 +49,8 @@ class Fatigue(Mechanism):
             symbol="a",
             unit="1",
             description="share of the force that would be lost, at the pace of the beginning, in ten travels of the "
-            "reference displacement (strokes), the reference time at the reference excess (heat, Arrhenius) or in that "
-            "time (time)",
+            "reference displacement (strokes) or of the reference excess (thermal cycles), the reference time at the "
+            "reference excess (heat, Arrhenius) or in that time (time)",
             typical=0.3,
             bounds=(0.003, 30.0),
             null=0.0,
@@ -147,7 +150,9 @@ class Fatigue(Mechanism):
         onset = rise(view.temperature / p.reference_temperature, p.onset, p.width) / p.reference_time
         hottest, hot = view.ambient + p.reference_temperature, jnp.maximum(view.ambient + view.temperature, _FROZEN)
         arrhenius = jnp.exp(p.activation * (1.0 / hottest - 1.0 / hot)) / p.reference_time
-        return (jnp.select([p.law == 0, p.law == 3, p.law == 4], [strokes, onset, arrhenius], heat),)
+        cycles = jnp.abs(view.warming) / (STROKES * p.reference_temperature)
+        which = [p.law == law for law in (0, 3, 4, 5)]
+        return (jnp.select(which, [strokes, onset, arrhenius, cycles * jnp.ones_like(heat)], heat),)
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
         return (jnp.zeros_like(view.displacement),)
