@@ -17,6 +17,12 @@ class Played:
 
     names: tuple[str, ...]
     cost: float
+    own: tuple[str, ...] = ()
+
+    @property
+    def setup(self):
+        """What differs by recording."""
+        return SimpleNamespace(structure=SimpleNamespace(own=self.own))
 
 
 def played(monkeypatch, misfits: dict[str, float]) -> list[tuple[str, ...]]:
@@ -30,12 +36,14 @@ def played(monkeypatch, misfits: dict[str, float]) -> list[tuple[str, ...]]:
             after = "".join(sorted({*state.names, name}))
             if name in state.names or after not in misfits:
                 continue
-            now = Played((*state.names, name), misfits[after])
+            now = Played((*state.names, name), misfits[after], state.own)
             fall = state.cost - now.cost
             found.append(Comparison(now, name, "", fall, 0.5, fall, 0.5, fall > 12))
         return sorted(found, key=lambda c: -c.delta_bic)
 
     monkeypatch.setattr(select, "try_all", with_one_more)
+    monkeypatch.setattr(select, "own_room", lambda *_: None)
+    monkeypatch.setattr(select, "released", lambda *_: None)
     monkeypatch.setattr(select, "afresh", lambda state, split: state)
     monkeypatch.setattr(select, "_other_laws", lambda state, name, split, rules: state)
     monkeypatch.setattr(select, "prune", lambda state, split, rules: state)
@@ -102,6 +110,55 @@ def test_where_it_ends_away_from_the_noise_another_way_is_gone(monkeypatch):
     asked = played(monkeypatch, {"a": 500.0, "b": 900.0, "ac": 300.0, "bc": 1.0})
     assert chosen() == {"b", "c"}
     assert asked.index(("a", "c")) < asked.index(("b",))
+
+
+def with_rooms(monkeypatch, misfits: dict[str, float]) -> list[tuple[str, ...]]:
+    """Plays a room that differs by recording, which leaves these misfits beside names; beside what it was asked for."""
+    asked: list[tuple[str, ...]] = []
+
+    def own_room(state, split, rules):
+        asked.append(state.names)
+        left = misfits.get("".join(sorted(state.names)))
+        if left is None or select.ROOM in state.names:
+            return None
+        now = Played((*state.names, select.ROOM), left, ("room.drift",))
+        fall = state.cost - left
+        return Comparison(now, select.ROOM, "cycling", fall, 0.5, fall, 0.5, True)
+
+    monkeypatch.setattr(select, "own_room", own_room)
+    return asked
+
+
+def test_a_room_that_differs_is_asked_for_where_no_name_reaches_the_noise(monkeypatch):
+    """And taken at once where it does, beside the first names or none."""
+    for first, wanted in ((300.0, {select.ROOM}), (1.0, {"a"})):
+        played(monkeypatch, {"a": first})
+        rooms = with_rooms(monkeypatch, {"": 1.0})
+        assert chosen() == wanted
+        assert rooms == ([()] if first > 1.0 else [])
+
+
+def test_a_room_that_differs_may_be_the_first_name_of_another_way(monkeypatch):
+    """With it the noise has to be reached, as it can take many forms."""
+    for last in (1.0, 100.0):
+        played(monkeypatch, {"a": 500.0, "ab": 300.0} | joined("ab", 250.0, last))
+        with_rooms(monkeypatch, {"": 700.0})
+        assert chosen() == ({"a", "b", select.ROOM} if last == 1.0 else {"a", "b"})
+
+
+def joined(names: str, first: float, last: float) -> dict[str, float]:
+    """What the first of two names, then both, leave beside the room."""
+    key = lambda *some: "".join(sorted([*some, select.ROOM]))  # noqa: E731
+    return {key(names[0]): first, key(*names): last}
+
+
+def test_a_parameter_that_differs_is_kept_where_the_noise_is_reached(monkeypatch):
+    for left, wanted in ((1.0, ("a.size",)), (200.0, ())):
+        played(monkeypatch, {"a": 500.0})
+        own = lambda state, *_, left=left: Played(state.names, left, ("a.size",)) if state.names == ("a",) else None  # noqa: E731
+        monkeypatch.setattr(select, "released", own)
+        found = select.choose(Played((), 1000.0), None, Evidence(), None)  # type: ignore[arg-type]
+        assert (found.state.names, found.state.setup.structure.own) == (("a",), wanted)
 
 
 def test_no_other_way_is_gone_where_the_names_are_mended(monkeypatch):
@@ -232,8 +289,9 @@ def test_the_same_names_by_two_ways_are_gone_on_from_once(monkeypatch):
 
 def test_what_only_led_the_others_to_a_better_fit_is_taken_out(monkeypatch):
     """``b`` was added, and without it the rest fits as well from where it stands now."""
-    mechanism = SimpleNamespace(laws=("",), free_parameters=lambda law: (0,))
-    setup = SimpleNamespace(structure=SimpleNamespace(mechanism=lambda name: mechanism))
+    mechanism = SimpleNamespace(laws=("",))
+    structure = SimpleNamespace(mechanism=lambda name: mechanism, count_free=lambda name, law: 1)
+    setup = SimpleNamespace(structure=structure)
 
     def state(names):
         return SimpleNamespace(names=names, setup=setup, laws=dict.fromkeys(names, ""))
