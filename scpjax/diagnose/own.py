@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from scpjax.diagnose.evidence import Comparison, Evidence, compare
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.latent import Misfit, hats
-from scpjax.diagnose.locate import observe
+from scpjax.diagnose.locate import Binned
 from scpjax.diagnose.trials import State, at_rest, grown, moved, trial_at
 from scpjax.fit.problem import Trial
 from scpjax.fit.setup import Setup, names_of, restructured, what_there_is
@@ -60,16 +60,20 @@ def own_room(state: State, split: Split, rules: Evidence) -> Comparison | None:
     able = applicable(room, what_there_is(setup.structure, setup.recordings))
     if ROOM in state.names or not able or not 2 <= n <= _MOST:
         return None
-    binned = observe(setup, split.whole, state.trial, state.residual)
-    fitted = replace(binned, there=binned.there & split.is_train)
-    courses = _promising(_Felt(Misfit(setup, split.train, state.trial, fitted)))
+    felt = _Felt(Misfit(setup, split.train, state.trial, _to_fit(split)))
     found: list[Comparison] = []
-    for course in courses:
+    for course in _promising(felt) if felt.finite else ():
         problem = with_own(grown(setup, room), *(f"{ROOM}.{p}" for p in OWN[course.law]))
         after = at_rest(problem, split, [_begun(state, problem, course)], max_steps=80)
         extra = problem.structure.count_free(ROOM, room.laws.index(course.law))
         found.append(compare(state, after, ROOM, course.law, split, rules, extra))
     return max((c for c in found if c.accepted), key=lambda c: c.delta_bic, default=None)
+
+
+def _to_fit(split: Split) -> Binned:
+    """Where there is something to fit to; of what the states were meanwhile nothing is asked."""
+    idle = np.zeros(split.is_train.shape[:2])
+    return Binned(np.zeros(split.is_train.shape), split.is_train, idle, idle, None, None, None)
 
 
 def released(state: State, split: Split, rules: Evidence) -> State | None:
@@ -96,12 +100,13 @@ def _differing(state: State, split: Split) -> list[str]:
     residual, jacobian = np.asarray(here.residual[0])[:size], np.asarray(here.jacobian[0])[:size]
     index = np.asarray(state.trial.index)
     recording = np.repeat(np.arange(n), size // n)
-    imitated, _ = np.linalg.qr(jacobian[:, np.any(jacobian != 0, axis=0)])
+    finite = np.all(np.isfinite(jacobian), axis=0)
+    imitated, _ = np.linalg.qr(jacobian[:, finite & np.any(jacobian != 0, axis=0)])
     left = residual - imitated @ (imitated.T @ residual)
     beyond = max(float(left @ left) - float(np.sum(residual != 0)), 1e-300)
     gains: dict[str, float] = {}
     for slot in setup.structure.slots:
-        at = np.flatnonzero(index == slot.index)
+        at = np.flatnonzero(finite & (index == slot.index))
         if slot.mechanism not in state.names or slot.recording or not len(at):
             continue
         each = np.where(recording[:, None] == np.arange(n), jacobian[:, at], 0.0)
@@ -141,6 +146,11 @@ class _Felt:
         felt = np.sum([misfit.responses(place, [hats(bins, gap, count)] * len(self.knots)) for place in heats], axis=0)
         self._gram, self._along = felt.T @ felt, felt.T @ misfit.target
         self.beyond = max(float(misfit.target @ misfit.target) - len(misfit.target), 1e-300)
+
+    @property
+    def finite(self) -> bool:
+        """False where the hypothesis, linear about rest, runs away."""
+        return bool(np.all(np.isfinite(self._gram)) and np.all(np.isfinite(self._along)))
 
     def taken(self, shapes: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
         """(share of the misfit beyond the noise that goes, sizes (r, q)) by heats of given shapes (knots, q) in each
