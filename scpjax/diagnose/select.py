@@ -142,10 +142,10 @@ def choose(
         further = [b for found in rounds[-1] for b in _one_more(search, found)]
         if not any(at_noise(b.state, split) for b in further):
             tell("what may differ by recording", round_)
-            own = [b for found in rounds[-1] for b in _with_own_room(search, found)]
-            rooms = rooms if rounds[1:] else own
-            own += [b for way in further if not way.ended and (b := _with_own_values(search, way))]
-            further += [b for b in own if at_noise(b.state, split, FAR)]
+            with_room = [b for found in rounds[-1] for b in _with_own_room(search, found)]
+            with_values = [b for way in further if not way.ended and (b := _with_own_values(search, way))]
+            rooms = rooms if rounds[1:] else with_room
+            further += [b for b in (*with_room, *with_values) if at_noise(b.state, split, FAR)]
         leaders.append(leader := _best(further, split, rules))
         if leader.ended or at_noise(leader.state, split):
             break

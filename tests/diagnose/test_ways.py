@@ -157,8 +157,11 @@ def test_a_parameter_that_differs_is_kept_where_the_noise_is_reached(monkeypatch
         played(monkeypatch, {"a": 500.0})
         own = lambda state, *_, left=left: Played(state.names, left, ("a.size",)) if state.names == ("a",) else None  # noqa: E731
         monkeypatch.setattr(select, "released", own)
+        asked = played(monkeypatch, {"a": 500.0})
+        monkeypatch.setattr(select, "released", own)
         found = select.choose(Played((), 1000.0), None, Evidence(), None)  # type: ignore[arg-type]
         assert (found.state.names, found.state.setup.structure.own) == (("a",), wanted)
+        assert asked == ([()] if left == 1.0 else [(), ("a",)])  # what does not reach it is no way to go on from
 
 
 def test_no_other_way_is_gone_where_the_names_are_mended(monkeypatch):

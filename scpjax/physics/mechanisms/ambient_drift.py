@@ -9,6 +9,21 @@ from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
 
+def _change(name: str, symbol: str, description: str) -> Parameter:
+    """A change of the room's temperature, of either sign, as a share of the reference excess."""
+    return Parameter(
+        name=name,
+        symbol=symbol,
+        unit="1",
+        description=description,
+        typical=0.0,
+        bounds=(-0.8, 0.8),
+        null=0.0,
+        scale="linear",
+        spread=0.15,
+    )
+
+
 class AmbientDrift(Mechanism):
     name = "ambient_drift"
     title = "The room's temperature drifts"
@@ -34,17 +49,7 @@ class AmbientDrift(Mechanism):
         "end": (3,),
     }
     parameters = (
-        Parameter(
-            name="drift",
-            symbol="d",
-            unit="1",
-            description="change of the room's temperature, as a share of the reference excess",
-            typical=0.0,
-            bounds=(-0.8, 0.8),
-            null=0.0,
-            scale="linear",
-            spread=0.15,
-        ),
+        _change("drift", "d", "change of the room's temperature, as a share of the reference excess"),
         Parameter(
             name="time_constant",
             symbol="τ",
@@ -56,17 +61,7 @@ class AmbientDrift(Mechanism):
             spread=1.5,
             time="duration",
         ),
-        Parameter(
-            name="quadrature",
-            symbol="q",
-            unit="1",
-            description="as d, of the part a quarter of a period ahead (law cycling)",
-            typical=0.0,
-            bounds=(-0.8, 0.8),
-            null=0.0,
-            scale="linear",
-            spread=0.15,
-        ),
+        _change("quadrature", "q", "as d, of the part a quarter of a period behind (law cycling)"),
         Parameter(
             name="begin",
             symbol="t1",
