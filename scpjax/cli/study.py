@@ -127,6 +127,8 @@ def say_diagnosis(arguments: Namespace, d: Diagnosis) -> None:
         say(arguments, f"\n{m.name}{law}: {m.title}, {m.subsystem}, probability {percent(m.probability)}")
         say(arguments, f"  {m.says} {m.differs}".rstrip())
         say_parameters(arguments, m.parameters)
+        if m.stated:
+            say(arguments, f"  {m.stated}")
         if m.equivalents:
             say(arguments, f"  not told apart from: {', '.join(m.equivalents)}")
         if m.as_well:

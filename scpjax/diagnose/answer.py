@@ -16,7 +16,7 @@ from scpjax.diagnose.final import fitted_to_all, resolved
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.locate import Binned, locate
 from scpjax.diagnose.outside import AT_NOISE, balance_of, form_at_most, level, takes_most
-from scpjax.diagnose.result import FREE, Closure, Diagnosis, Drawn, Latent, Named, Scores, Verdict
+from scpjax.diagnose.result import FREE, Closure, Diagnosis, Drawn, Latent, Named, Reference, Scores, Verdict
 from scpjax.diagnose.rhythm import Rhythm
 from scpjax.diagnose.select import Choice
 from scpjax.diagnose.swing import Swing, draw_swing
@@ -72,7 +72,9 @@ def answer(
     every = estimates(final, problem.space, doubt)
     fitted = final_model(problem, final)
     closure = _in_units(learned, every, fitted.values(), doubt)
-    named = _named(choice, every, tuple(in_words(c) for c in as_well)) + _by_curve(choice, learned, closure)
+    named = _named(choice, every, fitted.values(), tuple(in_words(c) for c in as_well)) + _by_curve(
+        choice, learned, closure
+    )
     most = learned is not None and takes_most(base, learned.state, parts)
     subsystem = swing.subsystem if swing else _subsystem(choice, closure if most else None, lacking)
     left = level(replace(state, residual=residual_on(final, fine.whole, problem)), parts)
@@ -132,7 +134,9 @@ def _scores(model: str, state: State, parts: Split) -> Scores:
     )
 
 
-def _named(choice: Choice, every: Mapping, as_well: tuple[str, ...]) -> tuple[Named, ...]:
+def _named(
+    choice: Choice, every: Mapping[str, Estimate], values: Mapping[str, float], as_well: tuple[str, ...]
+) -> tuple[Named, ...]:
     out = []
     laws = choice.state.laws
     for name in choice.state.names:
@@ -153,6 +157,11 @@ def _named(choice: Choice, every: Mapping, as_well: tuple[str, ...]) -> tuple[Na
                 source=m.source,
                 as_well=as_well,
                 by_recording=tuple(p for mechanism_, p in own if mechanism_ == name),
+                references={
+                    p.name: Reference(values[f"{name}.{p.name}"], p.unit, p.symbol)
+                    for p in m.parameters
+                    if p.fixed and m.serves(p, m.laws.index(laws[name]))
+                },
             )
         )
     return tuple(out)

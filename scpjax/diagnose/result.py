@@ -54,11 +54,21 @@ FREE = "free form"
 
 
 @dataclass(frozen=True)
+class Reference:
+    """A fixed number, in SI, that parameters are stated for: the excess temperature of which a drift is a share."""
+
+    value: float
+    unit: str
+    symbol: str
+
+
+@dataclass(frozen=True)
 class Named:
     """A mechanism that the evidence supports. ``probability``: by the evidence against the others and none, times how
     often names of such a verdict were right (`scpjax.diagnose.answer.TRUSTED`). ``as_well``: terms that no mechanism of
     the catalogue is and that predict the same here, as "heat lost = T s(x)". ``by_recording``: parameters of which each
-    recording has a value of its own ("drift@monday"); another recording is predicted with their mean."""
+    recording has a value of its own ("drift@monday"); another recording is predicted with their mean. ``references``:
+    the fixed numbers in which the parameters are stated, such as the temperature of which a drift is a share."""
 
     name: str
     title: str
@@ -72,6 +82,14 @@ class Named:
     source: str
     as_well: tuple[str, ...] = ()
     by_recording: tuple[str, ...] = ()
+    references: dict[str, Reference] = field(default_factory=dict)
+
+    @property
+    def stated(self) -> str:
+        """For which fixed numbers its parameters are stated, in a sentence; empty where for none."""
+        if not self.references:
+            return ""
+        return f"Stated for {', '.join(f'{r.symbol} = {r.value:.3g} {r.unit}' for r in self.references.values())}."
 
     @property
     def differs(self) -> str:
@@ -202,6 +220,7 @@ class Diagnosis:
                     "equivalents": list(m.equivalents),
                     "as_well": list(m.as_well),
                     "by_recording": list(m.by_recording),
+                    "references": {k: {"value": r.value, "unit": r.unit} for k, r in m.references.items()},
                     "says": m.says,
                 }
                 for m in self.mechanisms

@@ -171,6 +171,7 @@ def _mechanism(m: Named) -> str:
             page.text(f"{m.says} {m.differs}".rstrip()),
             page.table(("Parameter", "", "Estimate", "95 % interval", "Unit"), rows, (2,), tight=(3, 4)),
             f'<div class="equation">{escape(m.equation)}</div>' if m.equation else "",
+            page.text(m.stated, "small") if m.stated else "",
             others,
             page.text(f"Source: {m.source}", "soft small") if m.source else "",
             "</div>",

@@ -113,5 +113,9 @@ def test_a_room_that_differs_is_told_as_such(tmp_path):
     write_diagnosis(found, tmp_path)
     told = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))["mechanisms"][0]
     assert told["by_recording"] == ["drift", "begin", "end"]
+    size, drifts = told["references"]["reference"], [e.value for k, e in room.parameters.items() if "drift@" in k]
+    assert size["unit"] == "K"
+    np.testing.assert_allclose(size["value"] * np.array(drifts), -COLD, rtol=0.1)  # what the room fell by, in kelvin
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "It differs by recording (drift, begin and end)" in page
+    assert f"Stated for T_ref = {size['value']:.3g} K" in page
