@@ -47,6 +47,7 @@ class AmbientDrift(Mechanism):
         "quadrature": (2,),
         "begin": (3,),
         "end": (3,),
+        "reference_time": (0,),
     }
     parameters = (
         _change("drift", "d", "change of the room's temperature, as a share of the reference excess"),
