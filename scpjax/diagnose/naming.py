@@ -16,11 +16,13 @@ from scpjax.diagnose.outside import AT_NOISE, level
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.select import Choice, Progress, choose, prune
 from scpjax.diagnose.together import choose_together
-from scpjax.diagnose.trials import State, residual_on
+from scpjax.diagnose.trials import State, misfit, residual_on
 from scpjax.fit.data import Data
 from scpjax.fit.fit import outliers, refine, settle
 from scpjax.fit.problem import Trial
 from scpjax.fit.setup import Setup
+
+_LESS = 0.8  # of an output's mean square, left when jumps are timed anew: they had been mistimed
 
 
 @dataclass(frozen=True)
@@ -87,8 +89,8 @@ def find_names(
 ) -> Found:
     """What the base model leaves out, of ``catalogue`` (the problem with every candidate), judged by ``rules``.
 
-    Jumps inside gaps are timed by the better model. Where there were wild samples, those that a strong misfit had
-    concealed are left out once the first name is there.
+    Jumps inside gaps are timed by the better model. Where those that the base model had timed, or wild samples that a
+    strong misfit had concealed, stand out beside the first name, it is sought anew without them.
     """
     tell = progress or (lambda text, fraction: None)
     if base.setup.structure.system:
@@ -108,10 +110,11 @@ def find_names(
 
 
 def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free | None]:
-    """What the catalogue's laws explain, or one mechanism by a curve where that does better than a first name; wild
-    samples left out.
+    """What the catalogue's laws explain, or one mechanism by a curve where that does better than a first name; jumps
+    inside gaps timed by the first name and wild samples left out.
     """
     free: Free | None = None
+    timed: Split | None = None
     notes: tuple[str, ...] = ()
 
     def by_curve(rival: State) -> bool:
@@ -119,11 +122,26 @@ def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free |
         free = search.by_curve(base, rival, parts)
         return free is not None
 
+    def wild_or_by_curve(first: State) -> bool:
+        return (some and bool(_wild(first, parts).any())) or by_curve(first)
+
+    def mistimed(first: State) -> bool:
+        nonlocal timed
+        timed = _mistimed(first, parts, base)
+        return timed is not None or wild_or_by_curve(first)
+
     some = bool(np.any(np.asarray(parts.whole.weights) != np.asarray(base.setup.data.weights)))
-    choice = search.choose(base, parts, lambda first: (some and bool(_wild(first, parts).any())) or by_curve(first))
+    choice = search.choose(base, parts, mistimed)
+    if timed is not None:
+        notes = (f"beside {choice.state.names[0]}, the first name tried, the drive changed in gaps at other times",)
+        parts = timed
+        trial, _, _ = refine(base.setup, parts.train, base.trial)
+        base = state_at(base.setup, parts, trial)
+        choice = search.choose(base, parts, wild_or_by_curve)
     wild = _wild(choice.state, parts) if some and choice.state.names else np.zeros(())
     if wild.any():
-        notes = (f"{wild.sum()} more were, which stood out beside {choice.state.names[0]}, the first name tried",)
+        beside = choice.state.names[0]
+        notes = (*notes, f"{wild.sum()} more were, which stood out beside {beside}, the first name tried")
         parts = parts.with_weights(np.where(wild, 0.0, parts.whole.weights))
         trial, _, _ = refine(base.setup, parts.train, base.trial)
         base, free = state_at(base.setup, parts, trial), None
@@ -137,15 +155,34 @@ def _settled(parts: Split, base: State, choice: Choice, rules: Evidence) -> tupl
     """Jumps inside gaps timed by the model of what is named; without names that only made up for their times."""
     if not choice.state.names:
         return parts, base, choice
-    problem = choice.state.setup
-    again, data, _ = settle(problem, choice.state.trial, parts.train, drop_outliers=False)
-    timed = _with_effort(parts, data)
-    state = state_at(problem, timed, again)
-    if data is not parts.train and len(state.names) > 1:
+    state, timed = _timed(choice.state, parts, base)
+    if timed is parts:
+        return parts, base, choice
+    if len(state.names) > 1:
         pruned = prune(state, timed, rules)
         if pruned.names != state.names:
             return timed, base, choice.with_only(pruned)
     return timed, base, replace(choice, state=state)
+
+
+def _timed(state: State, parts: Split, base: State) -> tuple[State, Split]:
+    """A hypothesis fitted to the drives whose jumps inside gaps it has timed, from what was recorded: how others had
+    timed them is undone. As it is where there are no such gaps.
+    """
+    untimed = parts.whole.with_effort(base.setup.data.grids.effort)
+    trial, data, _ = settle(state.setup, state.trial, untimed, drop_outliers=False)
+    if data is untimed:
+        return state, parts
+    timed = _with_effort(parts, data)
+    trial, _, _ = refine(state.setup, timed.train, trial)
+    return state_at(state.setup, timed, trial), timed
+
+
+def _mistimed(first: State, parts: Split, base: State) -> Split | None:
+    """The data as a first name times jumps inside gaps, where it leaves clearly less of the misfit by that."""
+    state, timed = _timed(first, parts, base)
+    better = misfit(state, timed) < _LESS * misfit(first, parts)
+    return timed if timed is not parts and bool(np.any(better)) else None
 
 
 def _wild(state: State, parts: Split) -> np.ndarray:

@@ -3,7 +3,8 @@
 A held drive that jumps during a gap leaves the heat put in uncertain by what the jump brings in the meantime, far
 more than the noise of a thermometer. The share of the gap that passed before the change is estimated from what the
 outputs did afterwards, beside the parameters, by Gauss-Newton steps on pre-whitened residuals (so that physics that
-the model leaves out, which is slow, does not pass for a mistimed jump).
+the model leaves out, which is slow, does not pass for a mistimed jump). Where no output may be looked at, in a
+prediction, the drive is what it is on average over all shares.
 """
 
 from __future__ import annotations
@@ -18,8 +19,11 @@ import numpy as np
 from scpjax.compiled import quickly_compiled
 from scpjax.fit.data import Data
 from scpjax.fit.problem import Space, Trial, binned_residuals, sensitivities, unpack
+from scpjax.recordings.recording import Recording
+from scpjax.simulate.drive import grid_of
 
 PRIOR = 0.29  # standard deviation of a share that may be anything from 0 to 1
+_CLOCK = 0.8  # of the samples of a clock that skips some follow the one before after its period
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,27 @@ def fill(effort: np.ndarray, gaps: tuple[Gap, ...], shares: np.ndarray) -> np.nd
     return out
 
 
+def bridged(recording: Recording) -> tuple[Recording, np.ndarray]:
+    """A recording with the samples that its clock skipped, and which (n,) of its samples are those of the file.
+
+    The effort at these goes from that before the gap to that after it along a line: the mean of one that changes at any
+    tick between, each as likely. Recordings that are not held, or have no such clock, are given as they are.
+    """
+    time, there = np.asarray(recording.time), np.arange(len(recording.time))
+    _, _, at, fraction = grid_of(time)
+    if recording.hold != "zero_order" or np.any(fraction > 0) or not _CLOCK < np.mean(np.diff(at) == 1) < 1.0:
+        return recording, there
+    ticks = np.arange(at[-1] + 1)
+    outputs = np.full((len(ticks), recording.outputs.shape[1]), np.nan)
+    outputs[at] = np.where(recording.weights > 0, recording.outputs, np.nan)
+    inputs = np.empty((len(ticks), recording.inputs.shape[1]))
+    for j, channel in enumerate(recording.input_channels):
+        values = np.asarray(recording.inputs[:, j])
+        heats = channel.stem.split("_")[0] in ("voltage", "pwm", "current") and bool(np.all(values >= 0))
+        inputs[:, j] = np.sqrt(np.interp(ticks, at, values**2)) if heats else np.interp(ticks, at, values)
+    return recording.with_samples(np.interp(ticks, at, time), inputs, outputs, None), at
+
+
 @quickly_compiled
 def _responses(efforts: jax.Array, trial: Trial, data: Data, space: Space) -> jax.Array:
     model, local_values = unpack(trial.free, trial, space)
@@ -109,8 +134,8 @@ def improve(data: Data, gaps: tuple[Gap, ...], shares: np.ndarray, trial: Trial,
         own[gap.recording] = (answers[place] - answers[0])[gap.recording] / delta[g]
         changes.append(whiten(own).ravel())
     matrix = np.column_stack(parameters + changes)
-    scale = np.linalg.norm(matrix, axis=0) + 1e-12
     prior = np.concatenate([np.full(len(parameters), 1e-6), np.full(len(gaps), 1 / PRIOR)])
+    scale = np.hypot(np.linalg.norm(matrix, axis=0), prior)  # a gap without effect must not outweigh the rest
     lhs = np.vstack([matrix / scale, np.diag(prior / scale)])
     pull = np.concatenate([np.zeros(len(parameters)), (0.5 - shares) / PRIOR])
     rhs = np.concatenate([-whiten(answers[0]).ravel(), pull])

@@ -12,6 +12,7 @@ from scipy import signal
 
 from scpjax.errors import ModelError, ScpjaxError
 from scpjax.fit.data import columns
+from scpjax.fit.gaps import bridged
 from scpjax.physics.model import Model
 from scpjax.physics.settled import settled
 from scpjax.physics.structure import Structure
@@ -39,7 +40,8 @@ def predict(
     The state at the start is that of the first sample where the recording gives one that is clearly not rest
     (``noise``: standard deviation per column, in the file's unit), else rest. A weight that is clearly moving while its
     drive repeats itself is taken to have been driven so before. No later output is looked at.
-    A base of the user's own begins where it would stand still and show the first sample.
+    A base of the user's own begins where it would stand still and show the first sample. Where the recording's clock
+    skipped samples, its drive is taken to have changed along a line.
 
     ``response_columns`` names the columns to give, in the unit of their suffix; those of the recording, else the
     model's own in SI, when not given.
@@ -52,10 +54,11 @@ def predict(
     if meta.ambient_K is not None:
         model = eqx.tree_at(lambda m: m.ambient, model, jnp.asarray(meta.ambient_K, model.theta.dtype))
     first = first_state(model, recording, noise or {})
+    driven, recorded = bridged(recording)
 
     def outputs_by(method: Method) -> np.ndarray:
-        z0 = _in_motion(model, recording, first, method)
-        return np.asarray(simulate(model, recording, initial=z0, method=method).outputs)
+        z0 = _in_motion(model, driven, first, method)
+        return np.asarray(simulate(model, driven, initial=z0, method=method).outputs)[recorded]
 
     outputs = _resolved(model, recording, outputs_by) if method is None else outputs_by(method)
     if not np.all(np.isfinite(outputs)):

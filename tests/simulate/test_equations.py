@@ -236,14 +236,14 @@ HOOK = lambda x, w: np.sqrt(x * x + w * w)  # noqa: E731
 
 
 def sagging(law):
-    drawn = lambda z, u: np.sqrt(u) / 10 if law in (0, 3) else z[3]  # noqa: E731
-    left = lambda z, u: u * (1 - 0.4 * drawn(z, u)) ** 2  # noqa: E731
-    fill = {
-        0: lambda t, z, u: (np.sqrt(left(z, u)) / 10 - z[3]) / 2.0,
-        1: lambda t, z, u: np.sqrt(left(z, u)) / 10 / 6.0,
-        2: lambda t, z, u: (np.sqrt(left(z, u)) / 10 - z[3]) / 2.0,
-        3: lambda t, z, u: (np.sqrt(left(z, u)) / 10 - z[3]) / 2.0,
-    }[law]
+    def left(z, u):
+        volts, drawn = np.sqrt(u), np.sqrt(u) / 10 if law in (0, 3) else z[3]
+        return (max(volts - 0.4 * 10 * drawn, 0.0) if law in (4, 7) else volts * (1 - 0.4 * drawn)) ** 2
+
+    def fill(t, z, u):
+        given = np.sqrt(left(z, u)) / 10
+        return given / 6.0 if law in (1, 5) else (given - z[3]) / 2.0
+
     return plant(power=lambda t, z, u: left(z, u) / R, own=(fill,))
 
 
@@ -335,7 +335,7 @@ def drifting_sensor(_law):
 
 
 TERMS = {
-    "supply_sag": (sagging, 4),
+    "supply_sag": (sagging, 8),
     "drive_dead_zone": (dead_zone, 2),
     "ambient_drift": (drifting_room, 4),
     "nonlinear_thermal_force": (bent_force, 4),

@@ -20,11 +20,16 @@ from scpjax.simulate.simulate import Adaptive, Exponential, simulate
 # -- a joint ---------------------------------------------------------------------------------------------------
 
 
-def test_both_actuators_of_a_joint_draw_on_one_supply():
+def on_one_supply(law, **own):
     base = presets.aaa(PLANT, pulley_radius=0.015)
     structure = extended(base.structure, "supply_sag")
-    laws = [3.0 * (m.name == "supply_sag") for m in structure.mechanisms]
-    model = Model(structure, laws=laws).replace(base.values() | {"supply_sag.sag": 0.4, "supply_sag.reference": 10.0})
+    laws = [float(law) * (m.name == "supply_sag") for m in structure.mechanisms]
+    own = {"sag": 0.4, "reference": 10.0, "time_constant": 2.0, "reference_time": 6.0} | own
+    return Model(structure, laws=laws).replace(base.values() | {f"supply_sag.{k}": v for k, v in own.items()})
+
+
+def test_both_actuators_of_a_joint_draw_on_one_supply():
+    model = on_one_supply(3)
     volts = np.array([8.0, 3.0])
     z = model.initial()
     found = model.rates(z, jnp.asarray(volts**2))[:2]
@@ -34,10 +39,36 @@ def test_both_actuators_of_a_joint_draw_on_one_supply():
     np.testing.assert_allclose(model.rates(warm, asked)[:2], 0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize("law", [5, 6, 7], ids=["charge", "polarisation", "cell"])
+def test_both_actuators_of_a_joint_tire_one_supply(law):
+    model = on_one_supply(law, sag=0.15)
+    names = model.structure.state_names
+    drawn = [i for i, name in enumerate(names) if "drawn" in name]
+    volts = np.array([8.0, 3.0])
+
+    def given(q):
+        return np.maximum(volts - 1.5 * q, 0.0) if law == 7 else volts * (1 - 0.15 * q)
+
+    def rates(_t, z):
+        total = given(z[2]).sum() / 10
+        heat = (given(z[2]) ** 2 / R - LAM * z[:2]) / C_TH
+        return [*heat, total / 6.0 if law == 5 else (total - z[2]) / 2.0]
+
+    time = np.arange(0, 10, 0.01)
+    exact = scipy.integrate.solve_ivp(rates, (0, time[-1]), [0.0] * 3, t_eval=time, rtol=1e-9, atol=1e-12)
+    held = {f"voltage_{side}_V": np.full(1000, v) for side, v in zip(("agonist", "antagonist"), volts, strict=True)}
+    found = simulate(model, recorded(time, held), method=Adaptive(rtol=1e-8, atol=1e-10)).states
+    np.testing.assert_allclose(found[:, :2].T, exact.y[:2], atol=1e-4 * exact.y[0].max())
+    for i in drawn:
+        np.testing.assert_allclose(found[:, i], exact.y[2], atol=1e-4)
+
+
 @pytest.mark.parametrize(
     ("name", "law", "own", "rtol"),
     [
         ("supply_sag", 2, {"sag": 0.3, "time_constant": 2.0, "reference": 5.0}, 0.03),
+        ("supply_sag", 4, {"sag": 0.3, "time_constant": 2.0, "reference": 5.0}, 0.03),
+        ("supply_sag", 6, {"sag": 0.2, "time_constant": 2.0, "reference": 5.0}, 0.03),
         ("input_delay", 1, {"time": 1.5, "share": 0.8}, 1e-4),
     ],
 )
@@ -115,12 +146,12 @@ def test_every_mechanism_vanishes_in_a_joint():
 # -- limits and edges ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("law", [0, 1, 2])
+@pytest.mark.parametrize("law", [0, 1, 2, 4])
 def test_what_a_dead_time_brings_over_is_what_the_supply_must_be_asked_for(law):
     model = with_active(extended(PLANT.structure, "supply_sag"), "supply_sag", law)
     z = list(model.initial(WARM))
     asked = model.balances().holding(z, jnp.zeros(1))
-    np.testing.assert_allclose(model.rates(jnp.stack(z), asked)[0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(model.rates(jnp.stack(z), asked)[0], 0.0, atol=1e-10)
     plain = float(np.sqrt(LAM * WARM * R))
     assert float(asked[0]) ** 0.5 >= plain * (1 - 1e-12)
     if law == 0:

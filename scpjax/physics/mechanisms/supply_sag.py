@@ -3,12 +3,19 @@
 from typing import ClassVar
 
 import jax.numpy as jnp
+from jax import Array
 
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
 LITTLE = 0.01  # of the greatest power
 LEAST = 0.05  # of the volts, that the supply gives in any case
+AT_ONCE, CHARGE, POLARISED, CELL = (0, 3), (1, 5), (2, 6), (4, 7)  # laws by what tires the supply
+SHARED = (3, 5, 6, 7)  # laws of one supply for both actuators of a joint
+
+
+def _one_of(law: Array, laws: tuple[int, ...]) -> Array:
+    return jnp.any(jnp.asarray(laws) == law)
 
 
 class SupplySag(Mechanism):
@@ -17,18 +24,30 @@ class SupplySag(Mechanism):
     subsystem = "drive"
     equation = (
         "V_wire = V (1 - s q);  law load: q = |V|/V_ref;  law charge: dq/dt = |V_wire|/(V_ref t_ref);  "
-        "law polarisation: tau dq/dt = |V_wire|/V_ref - q;  law shared load: q = (|V| + |V_other|)/V_ref, in a joint"
+        "law polarisation: tau dq/dt = |V_wire|/V_ref - q;  law cell: V_wire = V - s V_ref q, not below 0, with the q "
+        "of polarisation;  laws shared load, shared charge, shared polarisation, shared cell: a joint's one supply, of "
+        "which q takes the sum over both actuators"
     )
     source = (
         "load: source resistance before a smoothed PWM; charge and polarisation: Shepherd's battery equation, "
-        "J. Electrochem. Soc. 112 (1965) 657, and its first-order dynamics: Plett, Battery Management Systems I, ch. 2"
+        "J. Electrochem. Soc. 112 (1965) 657; cell: a resistor and a capacitor in parallel before the wire, the "
+        "Thevenin model of Plett, Battery Management Systems I, ch. 2"
     )
     says = "The battery gives fewer volts the more is drawn from it, so strong drives reach the wire weakened."
     needs = ("voltage",)
     excited_by = "strong and weak drives in one recording; long strong drives"
-    laws = ("load", "charge", "polarisation", "shared load")
-    law_needs: ClassVar[dict[int, tuple[str, ...]]] = {3: ("joint",)}
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"time_constant": (2,)}
+    laws = (
+        "load",
+        "charge",
+        "polarisation",
+        "shared load",
+        "cell",
+        "shared charge",
+        "shared polarisation",
+        "shared cell",
+    )
+    law_needs: ClassVar[dict[int, tuple[str, ...]]] = dict.fromkeys(SHARED, ("joint",))
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"time_constant": POLARISED + CELL}
     states = ("drawn",)
     parameters = (
         Parameter(
@@ -36,7 +55,7 @@ class SupplySag(Mechanism):
             symbol="s",
             unit="1",
             description="share of the volts that is lost at the greatest drive: at once (load, shared load), when it "
-            "has lasted long (polarisation), when it has lasted for the reference time (charge)",
+            "has lasted long (polarisation, cell), when it has lasted for the reference time (charge)",
             typical=0.15,
             bounds=(0.003, 0.9),
             null=0.0,
@@ -46,7 +65,7 @@ class SupplySag(Mechanism):
             name="time_constant",
             symbol="τ",
             unit="s",
-            description="time in which the supply tires and recovers (law polarisation)",
+            description="time in which the supply tires and recovers (laws polarisation and cell)",
             typical=0.5,
             bounds=(0.02, 20.0),
             null=1.0,
@@ -67,7 +86,7 @@ class SupplySag(Mechanism):
             name="reference_time",
             symbol="t_ref",
             unit="s",
-            description="time for which the loss of law charge is stated",
+            description="time for which the loss of laws charge and shared charge is stated",
             typical=100.0,
             bounds=(1e-9, 1e9),
             null=100.0,
@@ -76,29 +95,38 @@ class SupplySag(Mechanism):
     )
     starts = ((0.15, 0.5, 0.0, 0.0),)
 
-    def _asked(self, p: Values, effort: Side) -> Side:
+    def _drives(self, p: Values, effort: Side) -> Side:
         """|V|/V_ref; the small floor keeps its derivative finite at 0 V."""
         return jnp.sqrt(jnp.maximum(effort, 0.0) / p.reference**2 + 1e-12)
 
+    def _draws(self, p: Values, effort: Side) -> Side:
+        """What each side's supply is asked for, |V|/V_ref: a shared one by both."""
+        drives = self._drives(p, effort)
+        return jnp.where(_one_of(p.law, SHARED), jnp.sum(drives), drives)
+
     def effort(self, p: Values, view: View, effort: Side) -> Side:
-        asked = self._asked(p, effort)
-        drawn = jnp.where(p.law == 0, asked, jnp.where(p.law == 3, jnp.sum(asked), view.own[0]))
-        return effort * jnp.maximum(1.0 - p.sag * drawn, LEAST) ** 2
+        drawn = jnp.where(_one_of(p.law, AT_ONCE), self._draws(p, effort), view.own[0])
+        drives = self._drives(p, effort)
+        cell = jnp.maximum(1.0 - p.sag * view.own[0] / drives, 0.0)
+        return effort * jnp.where(_one_of(p.law, CELL), cell, jnp.maximum(1.0 - p.sag * drawn, LEAST)) ** 2
 
     def effort_for(self, p: Values, view: View, effort: Side) -> Side:
         # v (1 - s v) = w, solved for the smaller root; beyond the most that the supply can give, its turning point
-        given = self._asked(p, effort)
-        given = jnp.where(p.law == 3, jnp.sum(given), given)
-        share = 2.0 / (1.0 + jnp.sqrt(jnp.maximum(1.0 - 4.0 * p.sag * given, 1e-12)))
+        share = 2.0 / (1.0 + jnp.sqrt(jnp.maximum(1.0 - 4.0 * p.sag * self._draws(p, effort), 1e-12)))
         later = 1.0 / jnp.maximum(1.0 - p.sag * view.own[0], LEAST)
-        return effort * jnp.where((p.law == 0) | (p.law == 3), share, later) ** 2
+        asked = effort * jnp.where(_one_of(p.law, AT_ONCE), share, later) ** 2
+        cell = (p.reference * (self._drives(p, effort) + p.sag * view.own[0])) ** 2
+        return jnp.where(_one_of(p.law, CELL), jnp.where(effort > 0.0, cell, 0.0), asked)
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
-        given = self._asked(p, view.effort)
-        return (jnp.where(p.law == 1, given / p.reference_time, (given - view.own[0]) / p.time_constant),)
+        given = self._draws(p, view.effort)
+        charge = _one_of(p.law, CHARGE)
+        return (jnp.where(charge, given / p.reference_time, (given - view.own[0]) / p.time_constant),)
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
-        """As long drained by what has kept it so warm (law polarisation): what it had given by then is not known."""
+        """As long drained by what has kept it so warm (polarisation, cell): what it had given by then is not known."""
         share = jnp.maximum(view.effort, 0.0) / p.reference**2
         # nearly its root, but for the little that a cold one's temperature is uncertain by
-        return (jnp.where(p.law == 2, share / jnp.sqrt(share + LITTLE), 0.0),)
+        drawn = share / jnp.sqrt(share + LITTLE)
+        drawn = jnp.where(_one_of(p.law, SHARED), jnp.sum(drawn), drawn)
+        return (jnp.where(_one_of(p.law, POLARISED + CELL), drawn, 0.0),)

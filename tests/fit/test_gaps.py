@@ -1,0 +1,93 @@
+"""Samples that a clock skipped while the drive changed: the change is timed from what the outputs did after it."""
+
+import numpy as np
+import pytest
+
+from scpjax.fit.fit import best_start, fit, refine, settle
+from scpjax.fit.gaps import bridged, fill, find_gaps, improve
+from scpjax.fit.predict import predict
+from scpjax.fit.setup import prepare
+from scpjax.physics.presets import te
+from scpjax.recordings.recording import Metadata, Recording
+from scpjax.simulate.simulate import simulate
+
+HEATER = te(resistance=3.2, conductance=0.06, thermal_mass=0.26)
+PERIOD, NOISE = 0.05, 0.05  # s, K
+TICKS = np.arange(1600)
+# jumps of volts by the tick at which they happen, in the middle of which samples are missing: five of six ticks
+JUMPS = {201: 3.0, 404: 0.0, 605: 0.0002, 802: 2.0, 1003: 0.0, 1204: 2.5}
+MISSING = [t for jump in JUMPS for t in range(jump // 100 * 100 + 1, jump // 100 * 100 + 6)]
+
+
+def recorded(volts: np.ndarray, missing: list[int], seed: int = 0) -> Recording:
+    """A heater's recording from which samples were lost after it was made."""
+    meta = Metadata(ambient_K=float(HEATER.ambient), known=(("resistance_ohm", 3.2),), model="te")
+    blank = Recording.from_arrays(
+        PERIOD * TICKS, {"voltage_V": volts}, {"temperature_degC": np.zeros(len(TICKS))}, metadata=meta
+    )
+    exact = np.asarray(simulate(HEATER, blank).outputs)
+    noisy = exact + NOISE * np.random.default_rng(seed).standard_normal(exact.shape)
+    left = np.setdiff1d(TICKS, missing)
+    return blank.with_samples(blank.time[left], blank.inputs[left], noisy[left], None)
+
+
+@pytest.fixture(scope="module")
+def jumping():
+    volts = np.zeros(len(TICKS))
+    for jump, level in JUMPS.items():
+        volts[jump:] = level
+    return prepare([recorded(volts, MISSING)])
+
+
+def test_jumps_are_timed_beside_one_that_does_next_to_nothing(jumping):
+    trial, _, _ = best_start(jumping, jumping.data)
+    gaps = find_gaps(jumping.data)
+    assert [(g.start, g.end) for g in gaps] == [(j // 100 * 100, j // 100 * 100 + 6) for j in JUMPS]
+    shares, as_recorded = np.full(len(gaps), 0.5), np.asarray(jumping.data.grids.effort)
+    for _ in range(3):
+        trial, _, _ = refine(jumping, jumping.data.with_effort(fill(as_recorded, gaps, shares)), trial)
+        shares = improve(jumping.data, gaps, shares, trial, jumping.space)
+    true, told = np.array([(j % 100) / 6 for j in JUMPS]), np.array([j != 605 for j in JUMPS])
+    np.testing.assert_allclose(shares[told], true[told], atol=0.03)
+    assert abs(shares[~told][0] - 0.5) < 0.01  # of a millivolt nothing is known
+
+
+def test_settling_times_them_and_finds_what_the_heater_is(jumping):
+    trial, _, _ = best_start(jumping, jumping.data)
+    _, data, notes = settle(jumping, trial, jumping.data)
+    assert "6 gaps" in notes[0]
+    assert np.any(np.asarray(data.grids.effort) != np.asarray(jumping.data.grids.effort))
+    found = fit(jumping.recordings)
+    for key, true in (("newton_cooling.conductance", 0.06), ("newton_cooling.thermal_mass", 0.26)):
+        value = float(found.model.value(key))
+        assert abs(value - true) < 0.005 * true
+
+
+@pytest.mark.parametrize("shape", ["sweep", "jumps"])
+def test_a_prediction_lets_the_drive_change_within_a_gap(shape):
+    lost = sorted(np.random.default_rng(1).choice(np.arange(20, 1590), 120, replace=False))
+    missing = [t for start in lost for t in range(start, start + 4)]
+    phase = 2 * np.pi * TICKS / 400
+    volts = 1.5 - 1.5 * np.cos(phase) if shape == "sweep" else np.where(np.sin(phase * 3) > 0, 3.0, 0.0)
+    recording = recorded(volts, missing)
+    whole = recorded(volts, [])
+    _, said = predict(HEATER, recording)
+    kept = np.setdiff1d(TICKS, missing)
+    exact = predict(HEATER, whole)[1]["temperature_degC"][kept]
+    held = np.asarray(simulate(HEATER, recording).outputs)[:, 0] - 273.15
+    error, before = (np.sqrt(np.mean((y - exact) ** 2)) for y in (said["temperature_degC"], held))
+    assert error < (0.1 if shape == "sweep" else 0.75) * before
+
+
+def test_only_what_a_clock_skipped_is_bridged():
+    volts = np.linspace(0.0, 3.0, len(TICKS))
+    whole = recorded(volts, [])
+    assert bridged(whole)[0] is whole
+    few = recorded(volts, list(np.setdiff1d(TICKS, TICKS[::7] + TICKS[::7] % 5)))  # a list of events, not a clock
+    assert bridged(few)[0] is few
+    skipped = recorded(volts, [100, 101, 500])
+    full, there = bridged(skipped)
+    assert len(full.time) == len(TICKS)
+    np.testing.assert_allclose(full.inputs[there], skipped.inputs)
+    np.testing.assert_allclose(full.time, PERIOD * TICKS, atol=1e-9)
+    np.testing.assert_allclose(full.weights[[100, 101, 500]], 0.0)
