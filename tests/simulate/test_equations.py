@@ -150,25 +150,40 @@ def activated():
     return rates, (START[0], 1.3 * x, START[2], 0.3 * x, 0.0, 0.0, 0.0)
 
 
+SHARES = np.array([1.0, 0.6, 0.25])  # widths of plays
+
+
 def hysteresis(law):
-    width, plays = 0.15 * 0.01, law in (2, 3)
-    weights = np.exp(-0.5 * np.array([1.0, 0.6, 0.25]))
+    width, plays, preisach = 0.15 * 0.01, law in (2, 3, 5), law == 5
+    weights = np.exp(-0.5 * SHARES)
     weights *= np.array([1.0, 1.4, 0.7]) / weights.sum()
+    sigmoid = lambda t: 0.3 * np.tanh((t / 50.0 - 0.2) / 0.3) * 0.01  # noqa: E731  # m
+
+    def force(t, x, stops):
+        if preisach:  # what has come down from far above lies a width beyond
+            behind = [
+                sigmoid(t) - sigmoid(0.0) - width * share * (y + 1) for share, y in zip(SHARES, stops, strict=True)
+            ]
+            return -0.4 * K * np.dot(weights, behind)
+        return 0.4 * K * width * (np.dot(weights, SHARES * np.array(stops)) if plays else stops[0])
 
     def rates(_t, z, u):
         t, x, v, q, *others = z
         warming = (u / R - LAM * t) / C_TH
         moved = warming * 0.01 / 50.0 if law >= 3 else v
+        if preisach:
+            moved *= 1 - np.tanh((t / 50.0 - 0.2) / 0.3) ** 2
         filled = abs(q) ** (8 if plays else 3) if moved * q > 0 else 0.0
         slip = (moved - abs(moved) * q) / width if law in (1, 4) else moved / width * (1 - filled)
         narrower = [
             moved / (width * share) * (1 - (y**8 if moved * y > 0 else 0.0)) if plays else 0.0
-            for share, y in zip((0.6, 0.25), others, strict=True)
+            for share, y in zip(SHARES[1:], others, strict=True)
         ]
-        played = np.dot(weights, np.array([1.0, 0.6, 0.25]) * np.array([q, *others]))
-        force = 0.4 * K * width * (played if plays else q)
-        return [warming, *mechanics(x, v, t, K * x + force), slip, *narrower]
+        return [warming, *mechanics(x, v, t, K * x + force(t, x, [q, *others])), slip, *narrower]
 
+    if preisach:
+        t, x, v = START
+        return rates, (t, x - force(t, x, [-1.0] * 3) / K, v, -1.0, -1.0, -1.0)
     return rates, (*START, 0.0, 0.0, 0.0)
 
 

@@ -15,6 +15,7 @@ SHARES = (1.0, 0.6, 0.25)  # widths of the plays, as shares of the widest
 DECAY = 0.5  # how much less the wider ones weigh
 PLAYS = tuple(share * math.exp(-DECAY * share) / sum(math.exp(-DECAY * other) for other in SHARES) for share in SHARES)
 SHARP = 8.0  # sharpness of the corners of plays
+PREISACH = 5
 
 
 class Hysteresis(Mechanism):
@@ -25,19 +26,28 @@ class Hysteresis(Mechanism):
         "F = -h k w z;  law Bouc-Wen: dz/dt = (v/w) (1 - |z|^n (1 + sign(v z))/2);  law Duhem: dz/dt = (v - |v| z)/w;  "
         "law plays: three plays, F = -h k sum m_i p_i w_i z_i, w_i = w, 0.6 w and 0.25 w, p_i = exp(-w_i/2w)/sum, "
         "m_1 = 1, m_2 and m_3 estimated, z_i as Bouc-Wen with n = 8 and w_i;  laws thermal plays, thermal Duhem: "
-        "moved by dT/dt x_ref/T_ref in place of v"
+        "moved by dT/dt x_ref/T_ref in place of v;  law thermal Preisach: F = h k x_ref sum m_i p_i (g - g(0) - "
+        "w_i (z_i + 1)), plays moved by dg/dt x_ref, g = b tanh((T/T_ref - a)/b), z_i = -1 at first"
     )
     source = (
         "Bouc-Wen, rate independent: Ismail, Ikhouane, Rodellar, Arch. Comput. Methods Eng. 16 (2009) 161; Duhem and "
         "plays: Visintin, Differential Models of Hysteresis (1994), ch. III, V; weights falling "
-        "exponentially: Al Janaideh, Rakheja, Su, IEEE/ASME Trans. Mechatronics 16 (2011) 734"
+        "exponentially, and plays of a sigmoid of the input, which are a Preisach operator whose density lies about "
+        "a temperature: Al Janaideh, Rakheja, Su, IEEE/ASME Trans. Mechatronics 16 (2011) 734; Mayergoyz, "
+        "Mathematical Models of Hysteresis (1991), ch. 1"
     )
     says = "The way back is not the way there: after a reversal the displacement stays behind."
     needs = ("mechanical",)
     excited_by = "reversals of different size"
-    laws = ("Bouc-Wen", "Duhem", "plays", "thermal plays", "thermal Duhem")
-    law_needs: ClassVar[dict[int, tuple[str, ...]]] = {3: ("thermal",), 4: ("thermal",)}
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"sharpness": (0,), "middle": (2, 3), "inner": (2, 3)}
+    laws = ("Bouc-Wen", "Duhem", "plays", "thermal plays", "thermal Duhem", "thermal Preisach")
+    law_needs: ClassVar[dict[int, tuple[str, ...]]] = {3: ("thermal",), 4: ("thermal",), PREISACH: ("thermal",)}
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {
+        "sharpness": (0,),
+        "middle": (2, 3, PREISACH),
+        "inner": (2, 3, PREISACH),
+        "centre": (PREISACH,),
+        "span": (PREISACH,),
+    }
     states = ("internal_stretch", "second_stretch", "third_stretch")
     parameters = (
         Parameter(
@@ -92,6 +102,28 @@ class Hysteresis(Mechanism):
             spread=1.0,
         ),
         Parameter(
+            name="centre",
+            symbol="a",
+            unit="1",
+            description="temperature excess about which most of it happens, as a share of the reference temperature "
+            "(law thermal Preisach)",
+            typical=0.5,
+            bounds=(0.02, 3.0),
+            null=0.5,
+            spread=0.7,
+        ),
+        Parameter(
+            name="span",
+            symbol="b",
+            unit="1",
+            description="temperature excess to either side within which three quarters of it happen, as a share of the "
+            "reference temperature (law thermal Preisach)",
+            typical=0.5,
+            bounds=(0.03, 30.0),
+            null=0.5,
+            spread=1.0,
+        ),
+        Parameter(
             name="reference",
             symbol="x_ref",
             unit="m",
@@ -112,16 +144,28 @@ class Hysteresis(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.3, 0.15, 3.0, 1.0, 1.0, 0.0, 0.0), (2.0, 0.02, 2.0, 1.0, 1.0, 0.0, 0.0))
+    starts = ((0.3, 0.15, 3.0, 1.0, 1.0, 0.6, 0.5, 0.0, 0.0), (2.0, 0.02, 2.0, 1.0, 1.0, 0.4, 0.25, 0.0, 0.0))
+
+    def _sigmoid(self, p: Values, view: View) -> tuple[Side, Side]:
+        """How far law Preisach is moved at a temperature, as a share of x_ref, and its slope in T/T_ref."""
+        at = jnp.tanh((view.temperature / p.reference_temperature - p.centre) / p.span)
+        return p.span * (at + jnp.tanh(p.centre / p.span)), 1.0 - at**2
 
     def force(self, p: Values, view: View) -> Side:
         stretches = [jnp.clip(z, -OVER, OVER) for z in view.own]
-        played = sum(weight * z for weight, z in zip(_weights(p), stretches, strict=True))
+        weights = _weights(p)
+        played = sum(weight * z for weight, z in zip(weights, stretches, strict=True))
+        begun = sum(weights)  # as of plays that cooling has left behind: z = -1
+        drawn = sum(weight / share for weight, share in zip(weights, SHARES, strict=True)) * self._sigmoid(p, view)[0]
         stretch = jnp.where(_plays(p), played, stretches[0])
+        # one law is a play, which follows its input, the others are stops, which hold against it
+        stretch = jnp.where(p.law == PREISACH, played + begun - drawn / p.width, stretch)
         return -p.strength * view.shared["stiffness"] * p.width * p.reference * stretch
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
-        moved = jnp.where(p.law >= 3, view.warming / p.reference_temperature, view.velocity / p.reference)
+        warming = view.warming / p.reference_temperature
+        moved = jnp.where(p.law >= 3, warming, view.velocity / p.reference)
+        moved = jnp.where(p.law == PREISACH, self._sigmoid(p, view)[1] * warming, moved)
         first, *others = (jnp.clip(z, -OVER, OVER) for z in view.own)
         rate = moved / p.width
         plays = _plays(p)
@@ -142,12 +186,14 @@ class Hysteresis(Mechanism):
         """What holds it beside its equilibrium, if it begins there: F = k displaced."""
         whole = jnp.where(_plays(p), sum(_weights(p)), 1.0)
         most = jnp.maximum(p.strength * p.width * whole, 1e-9) * p.reference  # m, that it could hold
-        return (jnp.clip(-view.displaced / most, -1.0, 1.0) * jnp.ones_like(view.displacement),) * len(self.states)
+        held = jnp.clip(-view.displaced / most, -1.0, 1.0)
+        # under law Preisach it has cooled before, and nothing is held beside what that leaves
+        return (jnp.where(p.law == PREISACH, -1.0, held) * jnp.ones_like(view.displacement),) * len(self.states)
 
 
 def _plays(p: Values) -> Array:
     """Whether it is one of the laws with three plays."""
-    return (p.law == 2) | (p.law == 3)
+    return (p.law == 2) | (p.law == 3) | (p.law == PREISACH)
 
 
 def _weights(p: Values) -> tuple[Array, ...]:
