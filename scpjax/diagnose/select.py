@@ -39,6 +39,7 @@ _SURE = 2  # rounds that are gone however long they take: without a second name 
 _WAYS = 2  # gone at a time
 _ATTEMPTS = 4  # names tried for them
 _OTHERS = 2  # gone where the best one ends away from the noise
+_NEAR = 2.0  # sum of squares, in units of what another law leaves, from which a law is not worth a fit of its own
 
 
 @dataclass(frozen=True)
@@ -336,6 +337,26 @@ def _other_laws(state: State, name: str, split: Split, rules: Evidence) -> State
             after = _under(state, m, law, split, added)
             if is_better(after, best, split, rules):
                 best = after
+    return best if at_noise(best, split) else _every_law(best, name, split, rules)
+
+
+def _every_law(state: State, name: str, split: Split, rules: Evidence) -> State:
+    """What does not reach the noise, under any other law of one of its mechanisms that comes near from where it stands,
+    fitted afresh: neither before may have found its best fit.
+    """
+    setup = state.setup
+    m = setup.structure.mechanism(name)
+    free_now = m.free_parameters(m.laws.index(state.laws[name]))
+    others = [law for law in laws_that_can_act(setup, m) if m.laws[law] != state.laws[name]]
+
+    def again(law: int) -> State | None:
+        after = _under(state, m, law, split, [p for p in m.free_parameters(law) if p not in free_now])
+        return afresh(after, split) if after.cost < _NEAR * state.cost else None
+
+    best = state
+    for after in abreast(again, others):
+        if after is not None and is_better(after, best, split, rules):
+            best = after
     return best
 
 
