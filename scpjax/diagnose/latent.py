@@ -53,7 +53,7 @@ class Misfit:
 
     def __init__(self, setup: Setup, data: Data, trial: Trial, binned: Binned):
         self.binned = binned
-        self.model, _ = unpack(trial.free, trial, setup.space)
+        self.model = unpack(trial.free, trial, setup.space)[0].on_average()
         self.linear = tuple(np.asarray(x) for x in _about_rest(self.model))
         self.places = {p.name: p for p in _places(setup, data, self.model, self.linear[1])}
         here = evaluate(stack([trial]), data, setup.space)

@@ -87,6 +87,8 @@ def test_a_mechanism_of_another_strength_in_each_recording_is_released():
     assert level(own, parts) < AT_NOISE
     strength = values_of(own, "nonlinear_heat_loss.strength")
     np.testing.assert_allclose(strength / strength[1], np.array(STRENGTHS) / STRENGTHS[1], rtol=0.15)
+    assert own_room(own, parts, Evidence()) is None  # nor is more asked of what differs already
+    assert released(own, parts, Evidence()) is None
     model = final_model(own.setup, own.trial)
     assert not model.structure.own
     mean = np.exp(np.mean(np.log(strength)))  # it is on log scale
