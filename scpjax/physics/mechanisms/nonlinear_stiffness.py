@@ -6,26 +6,35 @@ import jax.numpy as jnp
 
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
+from scpjax.physics.smooth import ramp
+
+BILINEAR = 2
+ROUND = 0.02  # of the reference displacement, over which the knee of law bilinear is rounded
 
 
 class NonlinearStiffness(Mechanism):
     name = "nonlinear_stiffness"
     title = "Stiffness changes with displacement"
     subsystem = "thermomechanical"
-    equation = "law polynomial: F = -k x (a (x/x_ref) + b (x/x_ref)^2);  law power: F = -k x c |x/x_ref|^n"
+    equation = (
+        "law polynomial: F = -k x (a (x/x_ref) + b (x/x_ref)^2);  law power: F = -k x c |x/x_ref|^n;  "
+        "law bilinear: F = -k c sign(x) max(|x| - g x_ref, 0), rounded over x_ref/50"
+    )
     source = (
         "Duffing spring; coil geometry: thesis 3.3.5, references 29-31 there; "
-        "power: truly nonlinear oscillators, Mickens, World Scientific 2010, ch. 1"
+        "power: truly nonlinear oscillators, Mickens, World Scientific 2010, ch. 1; bilinear: a second spring that "
+        "engages on the way, Shaw, Holmes, J. Sound Vib. 90 (1983) 129"
     )
     says = "The further the coil has moved, the stiffer (or softer) it is."
     needs = ("mechanical",)
     excited_by = "large and small amplitudes"
-    laws = ("polynomial", "power")
+    laws = ("polynomial", "power", "bilinear")
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {
         "quadratic": (0,),
         "cubic": (0,),
-        "strength": (1,),
+        "strength": (1, BILINEAR),
         "exponent": (1,),
+        "knee": (BILINEAR,),
     }
     parameters = (
         Parameter(
@@ -54,7 +63,8 @@ class NonlinearStiffness(Mechanism):
             name="strength",
             symbol="c",
             unit="1",
-            description="relative change of stiffness at the reference displacement (law power)",
+            description="relative change of stiffness at the reference displacement (law power), beyond the knee (law "
+            "bilinear)",
             typical=0.0,
             bounds=(-0.95, 10.0),
             null=0.0,
@@ -72,6 +82,17 @@ class NonlinearStiffness(Mechanism):
             spread=0.6,
         ),
         Parameter(
+            name="knee",
+            symbol="g",
+            unit="1",
+            description="displacement from which on the stiffness is another, as a share of the reference displacement "
+            "(law bilinear)",
+            typical=0.4,
+            bounds=(0.02, 1.5),
+            null=0.4,
+            spread=0.7,
+        ),
+        Parameter(
             name="reference",
             symbol="x_ref",
             unit="m",
@@ -82,7 +103,7 @@ class NonlinearStiffness(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.1, 0.1, 0.1, 4.0, 0.0), (-0.1, -0.1, -0.1, 4.0, 0.0))
+    starts = ((0.1, 0.1, 0.3, 4.0, 0.4, 0.0), (-0.1, -0.1, -0.3, 4.0, 0.6, 0.0))
 
     def force(self, p: Values, view: View) -> Side:
         relative = view.deflection / p.reference
@@ -93,4 +114,6 @@ class NonlinearStiffness(Mechanism):
             p.strength * jnp.exp(p.exponent * jnp.log(size)),
             relative * (p.quadratic + p.cubic * relative),
         )
+        beyond = p.strength * ramp(size, p.knee, jnp.asarray(ROUND, size.dtype)) / size
+        change = jnp.where(p.law == BILINEAR, beyond, change)
         return -view.shared["stiffness"] * view.deflection * change
