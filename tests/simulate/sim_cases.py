@@ -71,7 +71,14 @@ ACTIVE = {
     "input_delay": {"time": 0.125, "share": 0.6},
     "nonlinear_heat_loss": {"strength": 0.8, "exponent": 0.6},
     "nonlinear_thermal_force": {"growth": 0.6, "transition": 0.5, "reference": 20.0},
-    "nonlinear_stiffness": {"quadratic": 0.3, "cubic": 0.4, "strength": 5.0, "exponent": 3.0, "knee": 0.1},
+    "nonlinear_stiffness": {
+        "quadratic": 0.3,
+        "cubic": 0.4,
+        "strength": 5.0,
+        "exponent": 3.0,
+        "engaged": 0.5,
+        "knee": 0.1,
+    },
     "resistance_temperature": {"coefficient": 0.004, "curvature": 0.3},
     "sensor_drift": {
         "drift": 0.5,

@@ -18,7 +18,7 @@ class NonlinearStiffness(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "law polynomial: F = -k x (a (x/x_ref) + b (x/x_ref)^2);  law power: F = -k x c |x/x_ref|^n;  "
-        "law bilinear: F = -k c sign(x) max(|x| - g x_ref, 0), rounded over x_ref/50"
+        "law bilinear: F = -k d sign(x) max(|x| - g x_ref, 0), rounded over x_ref/50"
     )
     source = (
         "Duffing spring; coil geometry: thesis 3.3.5, references 29-31 there; "
@@ -32,8 +32,9 @@ class NonlinearStiffness(Mechanism):
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {
         "quadratic": (0,),
         "cubic": (0,),
-        "strength": (1, BILINEAR),
+        "strength": (1,),
         "exponent": (1,),
+        "engaged": (BILINEAR,),
         "knee": (BILINEAR,),
     }
     parameters = (
@@ -63,8 +64,7 @@ class NonlinearStiffness(Mechanism):
             name="strength",
             symbol="c",
             unit="1",
-            description="relative change of stiffness at the reference displacement (law power), beyond the knee (law "
-            "bilinear)",
+            description="relative change of stiffness at the reference displacement (law power)",
             typical=0.0,
             bounds=(-0.95, 10.0),
             null=0.0,
@@ -80,6 +80,17 @@ class NonlinearStiffness(Mechanism):
             bounds=(0.5, 12.0),
             null=4.0,
             spread=0.6,
+        ),
+        Parameter(
+            name="engaged",
+            symbol="d",
+            unit="1",
+            description="relative change of stiffness beyond the knee (law bilinear)",
+            typical=0.0,
+            bounds=(-0.95, 10.0),
+            null=0.0,
+            scale="linear",
+            spread=1.0,
         ),
         Parameter(
             name="knee",
@@ -103,7 +114,7 @@ class NonlinearStiffness(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.1, 0.1, 0.3, 4.0, 0.4, 0.0), (-0.1, -0.1, -0.3, 4.0, 0.6, 0.0))
+    starts = ((0.1, 0.1, 0.1, 4.0, 0.3, 0.4, 0.0), (-0.1, -0.1, -0.1, 4.0, -0.3, 0.6, 0.0))
 
     def force(self, p: Values, view: View) -> Side:
         relative = view.deflection / p.reference
@@ -114,6 +125,6 @@ class NonlinearStiffness(Mechanism):
             p.strength * jnp.exp(p.exponent * jnp.log(size)),
             relative * (p.quadratic + p.cubic * relative),
         )
-        beyond = p.strength * ramp(size, p.knee, jnp.asarray(ROUND, size.dtype)) / size
+        beyond = p.engaged * ramp(size, p.knee, jnp.asarray(ROUND, size.dtype)) / size
         change = jnp.where(p.law == BILINEAR, beyond, change)
         return -view.shared["stiffness"] * view.deflection * change
