@@ -170,7 +170,7 @@ def _timed(state: State, parts: Split, base: State) -> tuple[State, Split]:
     timed them is undone. As it is where there are no such gaps. All of the data time them, for nothing else tells of
     those in held-out stretches, and every hypothesis is judged by the same times.
     """
-    untimed = parts.whole.with_effort(base.setup.data.grids.effort)
+    untimed = parts.whole.with_effort(np.asarray(base.setup.data.grids.effort))
     trial, data, _ = settle(state.setup, state.trial, untimed, drop_outliers=False)
     if data is untimed:
         return state, parts
