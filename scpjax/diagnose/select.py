@@ -6,30 +6,18 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
 from scipy.special import expit
 
 from scpjax.abreast import abreast
 from scpjax.diagnose.candidates import try_all
 from scpjax.diagnose.evidence import Comparison, Evidence, ahead, compare, equals, is_better, probabilities, worthwhile
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.laws import other_laws
 from scpjax.diagnose.own import ROOM, own_room, released
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.result import Ranked
-from scpjax.diagnose.trials import (
-    FAR,
-    State,
-    afresh,
-    at_noise,
-    at_rest,
-    in_order,
-    start_value,
-    trial_at,
-    without,
-)
-from scpjax.fit.setup import Setup, laws_that_can_act
-from scpjax.parameter import Parameter
-from scpjax.physics.mechanism import Mechanism
+from scpjax.diagnose.trials import FAR, State, afresh, at_noise, in_order, without
+from scpjax.fit.setup import Setup
 
 Progress = Callable[[str, float], None]
 
@@ -39,7 +27,6 @@ _SURE = 2  # rounds that are gone however long they take: without a second name 
 _WAYS = 2  # gone at a time
 _ATTEMPTS = 4  # names tried for them
 _OTHERS = 2  # gone where the best one ends away from the noise
-_NEAR = 2.0  # sum of squares, in units of what another law leaves, from which a law is not worth a fit of its own
 
 
 @dataclass(frozen=True)
@@ -231,7 +218,7 @@ def _named(search: _Search, found: _Tried, c: Comparison) -> _Branch:
     split, rules, way = search.split, search.rules, found.way
     like = equals(c, found.accepted, way.state, split)
     state = afresh(c.state, split)
-    state = _other_laws(state, c.added, split, rules)
+    state = other_laws(state, c.added, split, rules, search.patience)
     state = prune(state, split, rules)
     tried, own = way.tried | {c.added: found.tried}, {n: p for n, p in way.own.items() if n != c.added}
     return _Branch(state, found.ranking, tried, own, way.equivalents | {c.added: like})
@@ -315,55 +302,3 @@ def prune(state: State, split: Split, rules: Evidence) -> State:
         if not compare(fewer, state, name, "", split, rules, extra).accepted:
             state = fewer
     return state
-
-
-def _other_laws(state: State, name: str, split: Split, rules: Evidence) -> State:
-    """A mechanism just named, under its wider laws from where it stands: they start best from a narrower fit. And under
-    narrower ones, which may have lost against it only by where their fits began.
-    """
-    setup = state.setup
-    m = setup.structure.mechanism(name)
-    free_now = set(m.free_parameters(m.laws.index(state.laws[name])))
-    best = state
-    for law in laws_that_can_act(setup, m):
-        free = set(m.free_parameters(law))
-        if free < free_now:
-            after = afresh(_under(state, m, law, split), split)
-            if not is_better(best, after, split, rules):
-                best = after
-    for law in laws_that_can_act(setup, m):
-        added = [p for p in m.free_parameters(law) if p not in free_now]
-        if added and free_now < set(m.free_parameters(law)):
-            after = _under(state, m, law, split, added)
-            if is_better(after, best, split, rules):
-                best = after
-    return best if at_noise(best, split) else _every_law(best, name, split, rules)
-
-
-def _every_law(state: State, name: str, split: Split, rules: Evidence) -> State:
-    """What does not reach the noise, under any other law of one of its mechanisms that comes near from where it stands,
-    fitted afresh: neither before may have found its best fit.
-    """
-    setup = state.setup
-    m = setup.structure.mechanism(name)
-    free_now = m.free_parameters(m.laws.index(state.laws[name]))
-    others = [law for law in laws_that_can_act(setup, m) if m.laws[law] != state.laws[name]]
-
-    def again(law: int) -> State | None:
-        after = _under(state, m, law, split, [p for p in m.free_parameters(law) if p not in free_now])
-        return afresh(after, split) if after.cost < _NEAR * state.cost else None
-
-    best = state
-    for after in abreast(again, others):
-        if after is not None and is_better(after, best, split, rules):
-            best = after
-    return best
-
-
-def _under(state: State, m: Mechanism, law: int, split: Split, added: Sequence[Parameter] = ()) -> State:
-    """The hypothesis with one of its mechanisms under another law, fitted from where it stands."""
-    setup, value, laws = state.setup, state.values, np.asarray(state.trial.laws).copy()
-    for p in added:
-        value[setup.structure.where[f"{m.name}.{p.name}"]] = start_value(setup, m, p)
-    laws[next(i for i, other in enumerate(setup.structure.mechanisms) if other.name == m.name)] = law
-    return at_rest(setup, split, [trial_at(setup, value, laws)], max_steps=80)

@@ -10,6 +10,7 @@ R, LAM, C_TH = P["resistance"], P["conductance"], P["thermal_mass"]
 PULL, K, BETA, M = P["coefficient"], P["stiffness"], P["damping"], P["mass"]
 WARM = 10.0
 START = (WARM, PULL * WARM / K, 0.0)
+HOOK = lambda x, w: np.sqrt(x * x + w * w)  # noqa: E731  # |x| with the corner of a hyperbola
 
 
 def integrate(rates, z0, recording, *, delay=0.0):
