@@ -167,8 +167,8 @@ def _settled(parts: Split, base: State, choice: Choice, rules: Evidence) -> tupl
 
 def _timed(state: State, parts: Split, base: State) -> tuple[State, Split]:
     """A hypothesis fitted to the drives whose jumps inside gaps it has timed, from what was recorded: how others had
-    timed them is undone. As it is where there are no such gaps. All of the data time them, for nothing else tells of
-    those in held-out stretches, and every hypothesis is judged by the same times.
+    timed them is undone. As it is where there are no such gaps. All of the data time them, as they did for
+    the base model: of those in held-out stretches nothing else tells. Parameters are fitted to the training part.
     """
     untimed = parts.whole.with_effort(np.asarray(base.setup.data.grids.effort))
     trial, data, _ = settle(state.setup, state.trial, untimed, drop_outliers=False)

@@ -19,8 +19,9 @@ import numpy as np
 from scpjax.compiled import quickly_compiled
 from scpjax.fit.data import Data
 from scpjax.fit.problem import Space, Trial, binned_residuals, sensitivities, unpack
+from scpjax.physics.structure import DriveKind
 from scpjax.recordings.recording import Recording
-from scpjax.simulate.drive import grid_of
+from scpjax.simulate.drive import SQUARED, grid_of
 
 PRIOR = 0.29  # standard deviation of a share that may be anything from 0 to 1
 _CLOCK = 0.8  # of the samples of a clock that skips some follow the one before after its period
@@ -70,8 +71,9 @@ def fill(effort: np.ndarray, gaps: tuple[Gap, ...], shares: np.ndarray) -> np.nd
     return out
 
 
-def bridged(recording: Recording) -> tuple[Recording, np.ndarray]:
-    """A recording with the samples that its clock skipped, and which (n,) of its samples are those of the file.
+def bridged(recording: Recording, drive: DriveKind) -> tuple[Recording, np.ndarray]:
+    """A recording with the samples that its clock skipped, and which (n,) of its samples are those of the file;
+    ``drive`` is what kind its inputs are of.
 
     The effort at these goes from that before the gap to that after it along a line: the mean of one that changes at any
     tick between, each as likely. Recordings that are not held, or have no such clock, are given as they are.
@@ -84,10 +86,9 @@ def bridged(recording: Recording) -> tuple[Recording, np.ndarray]:
     outputs = np.full((len(ticks), recording.outputs.shape[1]), np.nan)
     outputs[at] = np.where(recording.weights > 0, recording.outputs, np.nan)
     inputs = np.empty((len(ticks), recording.inputs.shape[1]))
-    for j, channel in enumerate(recording.input_channels):
-        values = np.asarray(recording.inputs[:, j])
-        heats = channel.stem.split("_")[0] in ("voltage", "pwm", "current") and bool(np.all(values >= 0))
-        inputs[:, j] = np.sqrt(np.interp(ticks, at, values**2)) if heats else np.interp(ticks, at, values)
+    for j, values in enumerate(np.asarray(recording.inputs).T):
+        squared = drive in SQUARED and bool(np.all(values >= 0))
+        inputs[:, j] = np.sqrt(np.interp(ticks, at, values**2)) if squared else np.interp(ticks, at, values)
     return recording.with_samples(np.interp(ticks, at, time), inputs, outputs, None), at
 
 

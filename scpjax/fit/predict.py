@@ -54,7 +54,7 @@ def predict(
     if meta.ambient_K is not None:
         model = eqx.tree_at(lambda m: m.ambient, model, jnp.asarray(meta.ambient_K, model.theta.dtype))
     first = first_state(model, recording, noise or {})
-    driven, recorded = bridged(recording)
+    driven, recorded = bridged(recording, model.structure.drive)
 
     def outputs_by(method: Method) -> np.ndarray:
         z0 = _in_motion(model, driven, first, method)

@@ -15,6 +15,9 @@ from scpjax.parameter import Numbers, namespace
 from scpjax.physics.structure import DriveKind, Structure
 from scpjax.recordings.recording import Hold, Recording
 
+SQUARED: tuple[DriveKind, ...] = ("voltage", "pwm", "current")
+"""Drives of which the square is applied."""
+
 _KINDS: dict[str, DriveKind] = {"voltage": "voltage", "pwm": "pwm", "current": "current", "power": "power"}
 
 

@@ -1,12 +1,15 @@
 """Recordings of a plant with one more heat flow, or a spring that changes, made by scipy; and the base model's fit."""
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import scipy.integrate
 from diagnose.creeping import AMBIENT, BASE
 
 from scpjax.diagnose.holdout import Split, split
+from scpjax.diagnose.latent import Misfit, missing
+from scpjax.diagnose.locate import observe
 from scpjax.diagnose.trials import State, residual_on
 from scpjax.fit.fit import best_start, refine
 from scpjax.fit.setup import prepare
@@ -63,3 +66,13 @@ def base_of(*recordings: Recording) -> tuple[State, Split]:
     trial, _, _ = best_start(setup, parts.train)
     trial, _, cost = refine(setup, parts.train, trial)
     return State(setup, trial, residual_on(trial, parts.whole, setup), float(cost)), parts
+
+
+@cache
+def rubbed() -> tuple[State, Split]:
+    return base_of(recorded(rubbed_by_air))
+
+
+def lacking_in(base: State, parts: Split):
+    binned = observe(base.setup, parts.whole, base.trial, base.residual)
+    return binned, missing(Misfit(base.setup, parts.whole, base.trial, binned))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 from diagnose.creeping import AMBIENT
-from diagnose.test_outside import LOSS, lacking_in, recorded, rubbed, rubbed_by_air
+from diagnose.heated import LOSS, lacking_in, recorded, rubbed, rubbed_by_air
 
 from scpjax.diagnose import outside, trials
 from scpjax.diagnose.answer import answer

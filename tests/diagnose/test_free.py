@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnose.creeping import BASE
-from diagnose.heated import DRIVE, LOSS, TIME, base_of, nothing, recorded, rubbed_by_air
-from diagnose.test_outside import lacking_in
+from diagnose.heated import DRIVE, LOSS, TIME, base_of, lacking_in, nothing, recorded, rubbed_by_air
 
 from scpjax.diagnose.answer import TRUSTED, answer
 from scpjax.diagnose.curve import curves, drives_differ

@@ -151,7 +151,7 @@ def test_what_a_dead_time_brings_over_is_what_the_supply_must_be_asked_for(law):
     model = with_active(extended(PLANT.structure, "supply_sag"), "supply_sag", law)
     z = list(model.initial(WARM))
     asked = model.balances().holding(z, jnp.zeros(1))
-    np.testing.assert_allclose(model.rates(jnp.stack(z), asked)[0], 0.0, atol=1e-10)
+    np.testing.assert_allclose(model.rates(jnp.stack(z), asked)[0], 0.0, atol=1e-12)
     plain = float(np.sqrt(LAM * WARM * R))
     assert float(asked[0]) ** 0.5 >= plain * (1 - 1e-12)
     if law == 0:

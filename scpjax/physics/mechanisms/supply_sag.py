@@ -14,6 +14,11 @@ AT_ONCE, CHARGE, POLARISED, CELL = (0, 3), (1, 5), (2, 6), (4, 7)  # laws by wha
 SHARED = (3, 5, 6, 7)  # laws of one supply for both actuators of a joint
 
 
+def _root(effort: Side) -> Side:
+    """|V|, with a derivative of 0 at 0 V."""
+    return jnp.where(effort > 0, jnp.sqrt(jnp.where(effort > 0, effort, 1.0)), 0.0)
+
+
 def _one_of(law: Array, laws: tuple[int, ...]) -> Array:
     return jnp.any(jnp.asarray(laws) == law)
 
@@ -54,8 +59,9 @@ class SupplySag(Mechanism):
             name="sag",
             symbol="s",
             unit="1",
-            description="share of the volts that is lost at the greatest drive: at once (load, shared load), when it "
-            "has lasted long (polarisation, cell), when it has lasted for the reference time (charge)",
+            description="share of the volts that is lost where the greatest drive is asked for (laws load), or given for "
+            "long (laws polarisation) or for the reference time (laws charge); resistance of the cell over that of the "
+            "wire (laws cell)",
             typical=0.15,
             bounds=(0.003, 0.9),
             null=0.0,
@@ -65,7 +71,7 @@ class SupplySag(Mechanism):
             name="time_constant",
             symbol="τ",
             unit="s",
-            description="time in which the supply tires and recovers (laws polarisation and cell)",
+            description="time in which the supply tires and recovers (laws polarisation, cell)",
             typical=0.5,
             bounds=(0.02, 20.0),
             null=1.0,
@@ -86,7 +92,7 @@ class SupplySag(Mechanism):
             name="reference_time",
             symbol="t_ref",
             unit="s",
-            description="time for which the loss of laws charge and shared charge is stated",
+            description="time for which the loss of laws charge is stated",
             typical=100.0,
             bounds=(1e-9, 1e9),
             null=100.0,
@@ -106,8 +112,8 @@ class SupplySag(Mechanism):
 
     def effort(self, p: Values, view: View, effort: Side) -> Side:
         drawn = jnp.where(_one_of(p.law, AT_ONCE), self._draws(p, effort), view.own[0])
-        drives = self._drives(p, effort)
-        cell = jnp.maximum(1.0 - p.sag * view.own[0] / drives, 0.0)
+        volts = _root(effort)
+        cell = jnp.maximum(volts - p.sag * p.reference * view.own[0], 0.0) / jnp.where(volts > 0, volts, 1.0)
         return effort * jnp.where(_one_of(p.law, CELL), cell, jnp.maximum(1.0 - p.sag * drawn, LEAST)) ** 2
 
     def effort_for(self, p: Values, view: View, effort: Side) -> Side:
@@ -115,8 +121,8 @@ class SupplySag(Mechanism):
         share = 2.0 / (1.0 + jnp.sqrt(jnp.maximum(1.0 - 4.0 * p.sag * self._draws(p, effort), 1e-12)))
         later = 1.0 / jnp.maximum(1.0 - p.sag * view.own[0], LEAST)
         asked = effort * jnp.where(_one_of(p.law, AT_ONCE), share, later) ** 2
-        cell = (p.reference * (self._drives(p, effort) + p.sag * view.own[0])) ** 2
-        return jnp.where(_one_of(p.law, CELL), jnp.where(effort > 0.0, cell, 0.0), asked)
+        cell = jnp.where(effort > 0, (_root(effort) + p.sag * p.reference * view.own[0]) ** 2, 0.0)
+        return jnp.where(_one_of(p.law, CELL), cell, asked)
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
         given = self._draws(p, view.effort)
