@@ -39,4 +39,6 @@ def test_jumps_are_timed_anew_by_what_is_named():
     assert m.parameters["threshold"].value == pytest.approx(DEAD / max(LEVELS), abs=0.005)
     assert found.base_parameters["newton_cooling.conductance"].value == pytest.approx(0.06, rel=0.01)
     assert found.base_parameters["newton_cooling.thermal_mass"].value == pytest.approx(0.26, rel=0.01)
+    first, *others = (r.delta_bic for r in found.ranking)
+    assert first > 100 * max(others)  # by the base model's times it was four times as much as of the next
     assert any("the drive changed in gaps at other times" in note for note in found.notes)

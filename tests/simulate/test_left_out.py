@@ -58,9 +58,9 @@ def test_both_actuators_of_a_joint_tire_one_supply(law):
     exact = scipy.integrate.solve_ivp(rates, (0, time[-1]), [0.0] * 3, t_eval=time, rtol=1e-9, atol=1e-12)
     held = {f"voltage_{side}_V": np.full(1000, v) for side, v in zip(("agonist", "antagonist"), volts, strict=True)}
     found = simulate(model, recorded(time, held), method=Adaptive(rtol=1e-8, atol=1e-10)).states
-    np.testing.assert_allclose(found[:, :2].T, exact.y[:2], atol=1e-4 * exact.y[0].max())
+    np.testing.assert_allclose(found[:, :2].T, exact.y[:2], atol=1e-7)
     for i in drawn:
-        np.testing.assert_allclose(found[:, i], exact.y[2], atol=1e-4)
+        np.testing.assert_allclose(found[:, i], exact.y[2], atol=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -59,9 +59,9 @@ class SupplySag(Mechanism):
             name="sag",
             symbol="s",
             unit="1",
-            description="share of the volts that is lost where the greatest drive is asked for (laws load), or given for "
-            "long (laws polarisation) or for the reference time (laws charge); resistance of the cell over that of the "
-            "wire (laws cell)",
+            description="share of the volts that is lost where the greatest drive is asked for (laws load), or given "
+            "for long (laws polarisation) or for the reference time (laws charge); resistance of the cell over that of "
+            "the wire (laws cell)",
             typical=0.15,
             bounds=(0.003, 0.9),
             null=0.0,
