@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from scpjax.diagnose.closure import Learned
 from scpjax.diagnose.curve import Curve
 from scpjax.diagnose.distil import draw
 from scpjax.diagnose.expression import describe, in_words
 from scpjax.diagnose.final import fitted_to_all, resolved
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.locate import Binned, locate
-from scpjax.diagnose.outside import AT_NOISE, balance_of, form_at_most, level, takes_most
+from scpjax.diagnose.outside import AT_NOISE, Beyond, balance_of, form_at_most, level, takes_most
+from scpjax.diagnose.reaction import Reaction, draw_reaction
 from scpjax.diagnose.result import FREE, Closure, Diagnosis, Drawn, Latent, Named, Reference, Scores, Verdict
 from scpjax.diagnose.rhythm import Rhythm
 from scpjax.diagnose.select import Choice
@@ -50,7 +50,7 @@ def answer(
     parts: Split,
     base: State,
     choice: Choice,
-    learned: Learned | Curve | Swing | None,
+    learned: Beyond | Swing | None,
     binned: Binned,
     lacking: tuple[Latent, ...],
     swing: Rhythm | None = None,
@@ -110,7 +110,7 @@ def answer(
 
 
 def _in_units(
-    learned: Learned | Curve | Swing | None,
+    learned: Beyond | Swing | None,
     every: Mapping[str, Estimate],
     values: Mapping[str, float],
     doubt: Uncertainty,
@@ -120,6 +120,8 @@ def _in_units(
         return draw(learned, every, values, doubt)
     if isinstance(learned, Swing):
         return draw_swing(learned, every, values, doubt)
+    if isinstance(learned, Reaction):
+        return draw_reaction(learned, every, values)
     return None if learned is None else describe(learned, every, values)
 
 
@@ -167,7 +169,7 @@ def _named(
     return tuple(out)
 
 
-def _by_curve(choice: Choice, learned: Learned | Curve | Swing | None, closure: Closure | None) -> tuple[Named, ...]:
+def _by_curve(choice: Choice, learned: Beyond | Swing | None, closure: Closure | None) -> tuple[Named, ...]:
     """The mechanism that a learned curve is, with the curve's values at quarters of its range for parameters."""
     if not choice.free:
         return ()

@@ -8,8 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from scpjax.diagnose.answer import answer
-from scpjax.diagnose.closure import Learned
-from scpjax.diagnose.curve import Curve
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.expression import in_words
 from scpjax.diagnose.free import nameless
@@ -19,6 +17,7 @@ from scpjax.diagnose.locate import observe
 from scpjax.diagnose.naming import Found, find_names, state_at
 from scpjax.diagnose.outside import (
     AT_NOISE,
+    Beyond,
     able,
     beyond_names,
     form_rather_than_name,
@@ -126,7 +125,7 @@ def _base(setup: Setup) -> tuple[Split, State, tuple[str, ...]]:
 
 def _beyond(
     found: Found, misfit: Misfit, lacking: tuple[Latent, ...], rules: Evidence, tell: Progress
-) -> tuple[Choice, Learned | Curve | Swing | None, Rhythm | None]:
+) -> tuple[Choice, Beyond | Swing | None, Rhythm | None]:
     """What is named in the end, what is learned beyond it, and what repeats where nothing explains the misfit."""
     parts, base, choice, learned = found.parts, found.base, found.choice, found.curve
     if learned is None and level(choice.state, parts) > AT_NOISE:

@@ -11,6 +11,7 @@ from scpjax.diagnose.closure import Learned, learn, offers
 from scpjax.diagnose.curve import Curve, bend, forms_named
 from scpjax.diagnose.evidence import Evidence, ahead, at_its_least, is_better
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.reaction import Reaction, reacting
 from scpjax.diagnose.result import Latent
 from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State, misfit, without
@@ -27,6 +28,10 @@ _BEHIND = 0.05  # of the misfit, by which a balance may answer for less than the
 _COMPLETE = 0.1  # of the misfit: what a closure alone may leave to be an explanation in place of names
 _MOST = 0.25  # of the held-out misfit, up to which a closure may leave and say where it lies: half in root mean square
 _FAR_BETTER = 0.5  # ratio of what it leaves to what the names leave, below which they are false
+_HEATED = ("drive", "thermoelectric", "sensor")  # where names act that a reaction may look like together
+
+Beyond = Learned | Curve | Reaction
+"""What is learned beyond names, or in their place."""
 
 
 def level(state: State, parts: Split) -> float:
@@ -45,21 +50,30 @@ def able(lacking: Sequence[Latent]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(balance_of(m.subsystem) for m in lacking if m.explained > best - _BEHIND))
 
 
-def closure(state: State, parts: Split, rules: Evidence, where: Sequence[str] = ()) -> Learned | Curve | None:
-    """What is learned beyond a hypothesis: a curve of one variable if it comes down to the noise, else what predicts
-    better, that or a sum of terms; None where neither is better than none.
+def closure(state: State, parts: Split, rules: Evidence, where: Sequence[str] = ()) -> Beyond | None:
+    """What is learned beyond a hypothesis: a form, or a reaction that uses itself up. Of those that come down to the
+    noise what has more evidence, else what predicts better; None where neither is better than none.
+    """
+    reaction = reacting(state, parts, rules) if not where or "thermoelectric" in where else None
+    found = [f for f in (form(state, parts, rules, where), reaction) if f is not None]
+    able = [f for f in found if level(f.state, parts) <= AT_NOISE]
+    if able:
+        return max(able, key=lambda f: ahead(f.state, state, parts, rules))
+    return min(found, key=lambda f: _unexplained(f.state, parts.is_held), default=None)
+
+
+def form(state: State, parts: Split, rules: Evidence, where: Sequence[str] = ()) -> Learned | Curve | None:
+    """A curve of one variable if it comes down to the noise, else what predicts better, that or a sum of terms; None
+    where neither is better than none.
     """
     curve = bend(state, parts, rules, where)
     if curve is not None and level(curve.state, parts) <= AT_NOISE:
         return curve
-    terms = learn(state, parts, rules, where)
-    if curve is None or terms is None:
-        return curve or terms
-    held = parts.is_held
-    return curve if _unexplained(curve.state, held) < _unexplained(terms.state, held) else terms
+    found = [f for f in (learn(state, parts, rules, where), curve) if f is not None]
+    return min(found, key=lambda f: _unexplained(f.state, parts.is_held), default=None)
 
 
-def nothing_explains(base: State, choice: Choice, learned: Learned | Curve | None, parts: Split) -> bool:
+def nothing_explains(base: State, choice: Choice, learned: Beyond | None, parts: Split) -> bool:
     """Whether something is missing, no name is given, and no closure takes away most of it."""
     if choice.state.names or choice.free or level(base, parts) <= AT_NOISE:
         return False
@@ -80,7 +94,7 @@ def form_at_most(base: State, state: State, parts: Split) -> bool:
 
 def beyond_names(
     parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str]
-) -> tuple[Choice, Learned | Curve | None]:
+) -> tuple[Choice, Beyond | None]:
     """What is to be said when the named mechanisms do not reach the noise.
 
     Names are false if a closure without them does far better on the held-out misfit, and explains nearly all of it or
@@ -99,7 +113,7 @@ def beyond_names(
 
 def _without_them(
     parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str]
-) -> tuple[Choice, Learned | Curve | None]:
+) -> tuple[Choice, Beyond | None]:
     """What is to be said of names of which none asks for more than its law allows."""
     if level(choice.state, parts) <= AT_NOISE:
         return form_rather_than_name(parts, base, choice, rules)
@@ -130,7 +144,7 @@ def _told_of(choice: Choice, before: Choice, ends: tuple[str, ...], base: State,
 
 def _beyond(
     parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str]
-) -> tuple[Choice, Learned | Curve | None]:
+) -> tuple[Choice, Beyond | None]:
     held = parts.is_held
     whole, left = _unexplained(base, held), _unexplained(choice.state, held)
     if form_at_most(base, choice.state, parts):
@@ -167,15 +181,15 @@ def _nothing_stays(state: State, name: str, parts: Split, *, at_least_only: bool
     return all(found[key].low <= 0.0 <= found[key].high for key in keys)
 
 
-def form_rather_than_name(
-    parts: Split, base: State, choice: Choice, rules: Evidence
-) -> tuple[Choice, Learned | Curve | None]:
+def form_rather_than_name(parts: Split, base: State, choice: Choice, rules: Evidence) -> tuple[Choice, Beyond | None]:
     """What is to be said when the names reach the noise: a last name that came where little was left is false if a
     correction of the form of the others' laws has more evidence in its place and predicts better. So are all where one
-    asks for more than its law allows, if a closure that is none of them predicts better.
+    asks for more than its law allows, if a closure that is none of them predicts better, and several about the heat of
+    which a reaction alone does better.
     """
     ends = _asking_for_more(choice.state, parts)
     alone = _in_place_of(base, choice.state, parts, rules) if ends else None
+    alone = alone or _one_reaction(base, choice.state, parts, rules)
     if alone is not None:
         return _told_of(Choice(base, choice.ranking, {}, {}), choice, ends, base, parts), alone
     fewer, corrected = _corrected_rather_than_named(parts, base, choice, rules)
@@ -196,12 +210,15 @@ def _asking_for_more(state: State, parts: Split) -> tuple[str, ...]:
     return tuple(n for n in state.names if n in found)
 
 
-def _in_place_of(base: State, state: State, parts: Split, rules: Evidence) -> Learned | Curve | None:
+def _in_place_of(base: State, state: State, parts: Split, rules: Evidence) -> Beyond | None:
     """A closure that is none of the names of a hypothesis, reaches the noise, and predicts the held-out stretches
     better. Such names being unlikely, it need not have more evidence.
     """
     squares = lambda s: float(np.sum(s.residual[parts.is_held] ** 2))  # noqa: E731
-    found = [f(base, parts, rules, _balances(state)) for f in (bend, learn)]
+    where = _balances(state)
+    found: list[Beyond | None] = [f(base, parts, rules, where) for f in (bend, learn)]
+    if "thermoelectric" in where:
+        found.append(reacting(base, parts, rules))
     able = [
         f
         for f in found
@@ -213,10 +230,23 @@ def _in_place_of(base: State, state: State, parts: Split, rules: Evidence) -> Le
     return max(able, key=lambda f: ahead(f.state, base, parts, rules), default=None)
 
 
-def _is_none_of(learned: Learned | Curve, state: State) -> bool:
+def _one_reaction(base: State, state: State, parts: Split, rules: Evidence) -> Reaction | None:
+    """A reaction alone that reaches the noise and does better than several names, all of them about the heat."""
+    acting = {state.setup.structure.mechanism(n).subsystem for n in state.names}
+    if len(state.names) < 2 or not acting <= {*_HEATED}:
+        return None
+    found = reacting(base, parts, rules)
+    if found is None or level(found.state, parts) > AT_NOISE or not is_better(found.state, state, parts, rules):
+        return None
+    return found
+
+
+def _is_none_of(learned: Beyond, state: State) -> bool:
     """Whether a closure depends on what no law of a name of ``state`` would: a term of it on other variables than a
     curve that is the name.
     """
+    if isinstance(learned, Reaction):
+        return True
     if isinstance(learned, Curve):
         return not set(learned.form.names) & set(state.names)
     named = [{form.factor, form.variable} - {""} for _, form in forms_named(state.names)]
@@ -231,8 +261,8 @@ def balance_of(subsystem: str) -> str:
 
 
 def _correction(state: State, parts: Split, rules: Evidence) -> Learned | Curve | None:
-    """What is learned in the balances of the named mechanisms."""
-    return closure(state, parts, rules, _balances(state))
+    """A form that is learned in the balances of the named mechanisms."""
+    return form(state, parts, rules, _balances(state))
 
 
 def _balances(state: State) -> list[str]:
@@ -242,7 +272,7 @@ def _balances(state: State) -> list[str]:
 
 def _corrected_rather_than_named(
     parts: Split, base: State, choice: Choice, rules: Evidence
-) -> tuple[Choice, Learned | Curve | None]:
+) -> tuple[Choice, Beyond | None]:
     """The names but the last, and a correction of their laws; no correction where the last name does better."""
     state = choice.state
     if len(state.names) < 2:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -106,7 +105,7 @@ def choose(
 ) -> Choice:
     """Forward selection with pruning, from the base hypothesis; ``catalogue`` is the problem with every candidate.
     ``enough(first)`` says whether to end with the first name; out of ``patience`` neither a third round nor another way
-    is begun.
+    is begun, nor another round on such a way.
 
     Where two mechanisms are close and neither reaches the noise, both ways are gone one round further. Where the way
     ends away from the noise and ``mend`` does not bring it there, others that had evidence in the first round are gone
@@ -262,11 +261,15 @@ def _by_another_way(
     split, rules = search.split, search.rules
     leader: _Branch | None = None
     others = [c for c in first.accepted if c.added not in leaders[0].state.names][:_OTHERS]
-    begun = ((c.added, _named(search, first, c)) for c in others)
-    for name, way in itertools.chain(((ROOM, room) for room in rooms), begun):
+    ways = [(ROOM, lambda room=room: room) for room in rooms]
+    ways += [(c.added, lambda c=c: _named(search, first, c)) for c in others]
+    for name, begin in ways:
         if search.patience.over():
             break
+        way = begin()
         for round_ in range(2, rules.most + 1):
+            if search.patience.over():
+                break
             (way,) = _one_more(search, _tried(search, way, round_, tell), ways=1)
             if way.ended or not is_better(way.state, leaders[min(round_, len(leaders)) - 1].state, split, rules):
                 break

@@ -133,7 +133,7 @@ def learned(d: Diagnosis, shapes: dict[str, bytes]) -> str:
     corrects = d.verdict == "explained"
     is_law = any(m.law == FREE for m in d.mechanisms)
     place = escape(c.place.removeprefix("learned_").replace("_", " "))
-    form = "sum of terms" if c.curve is None else "smooth curve"
+    form = "reaction" if c.place.endswith("reaction") else "sum of terms" if c.curve is None else "smooth curve"
     why = (
         f"The mechanism named follows no law of the catalogue; this {form} is its law."
         if is_law

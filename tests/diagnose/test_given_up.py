@@ -98,7 +98,7 @@ def test_names_that_leave_little_are_corrected_in_their_balance_near_the_noise(m
     base = replace(base, residual=base.residual * 20.0 * far)
     assert form_at_most(base, named, parts)
     asked = []
-    monkeypatch.setattr(outside, "closure", lambda state, _parts, _rules, where: asked.append((state, list(where))))
+    monkeypatch.setattr(outside, "form", lambda state, _parts, _rules, where: asked.append((state, list(where))))
     choice, learned = beyond_names(parts, base, Choice(named, (), {}, {}), Evidence(), ["sensor"])
     assert choice.state is named
     assert learned is None
@@ -139,7 +139,7 @@ def test_a_name_that_the_data_do_not_tell_from_none_beside_the_closure_is_taken_
     values[setup.structure.index["ambient_drift.drift"]] = drift
     trial = setup.trial(values, np.asarray(named.trial.active), np.asarray(named.trial.laws), len(named.trial.index))
     learned = SimpleNamespace(state=replace(named, trial=trial))
-    monkeypatch.setattr(outside, "closure", lambda *_: learned)
+    monkeypatch.setattr(outside, "form" if corrects else "closure", lambda *_: learned)
     monkeypatch.setattr(outside, "_CLEARLY", np.inf)
     monkeypatch.setattr(outside, "_FAR_BETTER", 0.0)
     monkeypatch.setattr(outside, "form_at_most", lambda *_: corrects)

@@ -1,0 +1,72 @@
+"""A closure by what uses itself up: a heat that fades the faster the hotter the actuator is, as that of drying does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from scpjax.diagnose.evidence import Comparison, Evidence, compare
+from scpjax.diagnose.expression import WHAT, of_base
+from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.result import Closure
+from scpjax.diagnose.trials import State, fit_leading, grown, residual_on, starts_with
+from scpjax.fit.result import Estimate
+from scpjax.fit.solve import make_room
+from scpjax.physics.catalogue import mechanism
+
+_NAME = "learned_reaction"
+_KEYS = tuple(f"{_NAME}.{p}" for p in ("heat", "time", "acceleration"))
+_PLACE = "learned_heat reaction"
+_STEPS = 60
+
+
+@dataclass(frozen=True)
+class Reaction:
+    """A reaction found: the hypothesis that holds it, and the evidence."""
+
+    state: State
+    evidence: Comparison
+
+
+def reacting(state: State, split: Split, rules: Evidence) -> Reaction | None:
+    """The reaction beyond ``state``; None where none is better than none, or there is no heat balance for it."""
+    old = state.setup.structure
+    if old.system or not old.thermal:
+        return None
+    make_room()
+    m = mechanism(_NAME)
+    problem = grown(state.setup, m)
+    moving, at = np.asarray(state.trial.active), problem.structure.index
+    active = np.zeros(problem.space.size, bool)
+    active[len(problem.structure.slots) :] = moving[len(old.slots) :]
+    for slot in old.slots:
+        active[at[slot.key]] = moving[old.index[slot.key]]
+    for key in _KEYS:
+        active[at[key]] = True
+    trials = [problem.trial(s.value, active, s.laws, int(active.sum())) for s in starts_with(state, m, problem)]
+    solved, cost = fit_leading(problem, split, trials, state.cost, _STEPS)
+    best = int(np.argmin(cost))
+    after = State(problem, solved[best], residual_on(solved[best], split.whole, problem), float(cost[best]))
+    evidence = compare(state, after, "closure", "", split, rules, len(_KEYS))
+    return Reaction(after, evidence) if evidence.accepted else None
+
+
+def draw_reaction(found: Reaction, every: Mapping[str, Estimate], values: Mapping[str, float]) -> Closure:
+    """The closure as an expression with units; arguments as of `scpjax.diagnose.expression.describe`."""
+    heat, time, steep = (every[key] for key in _KEYS)
+    temperature, reference = (values[f"{_NAME}.{n}"] for n in ("reference_temperature", "reference_time"))
+    scale = of_base(values, "newton_cooling.conductance") * temperature * reference
+    what, unit, subsystem = WHAT["learned_heat"]
+    error = f" ± {abs(heat.std * scale):.1g}" if np.isfinite(heat.std) else ""
+    taken = f"{'-' * (heat.value < 0)}({abs(heat.value * scale):.3g}{error})"
+    says = (
+        f"{what} = {taken} {unit} s r w, with r = exp((T - {temperature:.3g} K)/({temperature / steep.value:.3g} K)) "
+        f"/ ({time.value:.3g} s) and w, 1 at the start, falling at the rate r w"
+    )
+    terms = {key: every[key] for key in _KEYS}
+    evidence = found.evidence
+    return Closure(
+        subsystem, _PLACE, ("temperature", "history"), says, terms, evidence.held_out_gain, evidence.delta_bic
+    )

@@ -1,0 +1,88 @@
+"""A heat that uses itself up, as drying's does: found in the heat balance, told in its units, and in place of names."""
+
+import numpy as np
+import pytest
+import scipy.integrate
+from diagnose.heated import LOSS, base_of, lacking_in, recorded
+
+from scpjax.diagnose.answer import answer
+from scpjax.diagnose.evidence import Evidence
+from scpjax.diagnose.outside import AT_NOISE, beyond_names, form_rather_than_name, level
+from scpjax.diagnose.reaction import Reaction
+from scpjax.diagnose.rivals import added
+from scpjax.diagnose.select import Choice
+from scpjax.recordings import excitation
+from scpjax.recordings.recording import Metadata, Recording
+
+CONDUCTANCE, THERMAL_MASS, RESISTANCE, AMBIENT = 0.25, 1.6, 1.2, 294.0
+BOUND, DOUBLES, AT, TAU = 120.0, 11.0, 40.0, 45.0  # [J], [K], [K], [s]
+NOISE = 0.1
+
+
+def dried(seed: int) -> Recording:
+    """A wire in moist nylon, whose water goes at a rate that doubles every 11 K; by scipy."""
+    time, drive = excitation.multilevel_random(duration_s=150, period_s=0.1, hold_s=8, low=0, high=4, seed=seed)
+    z, path = np.array([0.0, 1.0]), [np.array([0.0, 1.0])]
+    for i, gap in enumerate(np.diff(time)):
+
+        def rates(t, z, i=i):
+            going = z[1] * 2 ** ((z[0] - AT) / DOUBLES) / TAU
+            return [(drive[i] ** 2 / RESISTANCE - CONDUCTANCE * z[0] - BOUND * going) / THERMAL_MASS, -going]
+
+        z = scipy.integrate.solve_ivp(rates, (0.0, gap), z, rtol=1e-8, atol=1e-10).y[:, -1]
+        path.append(z)
+    read = np.array(path)[:, 0] + AMBIENT - 273.15 + NOISE * np.random.default_rng(seed).standard_normal(len(time))
+    meta = Metadata(name=f"dried {seed}", known=(("resistance_ohm", RESISTANCE),), ambient_K=AMBIENT, model="te")
+    return Recording.from_arrays(time, {"voltage_V": drive}, {"temperature_degC": read}, metadata=meta)
+
+
+@pytest.fixture(scope="module")
+def drying():
+    return base_of(dried(3), dried(4))
+
+
+def forced(base, parts, *names: str) -> Choice:
+    state = base
+    for name in names:
+        state = added(state, name, parts)
+    return Choice(state, (), dict.fromkeys(names, 0.9), dict.fromkeys(names, ()))
+
+
+def test_heat_that_is_used_up_is_learned_in_its_units(drying):
+    base, parts = drying
+    assert level(base, parts) > 3.0
+    choice, learned = beyond_names(parts, base, Choice(base, (), {}, {}), Evidence(), ["thermoelectric"])
+    assert isinstance(learned, Reaction)
+    assert level(learned.state, parts) < AT_NOISE
+    binned, lacking = lacking_in(base, parts)
+    said = answer(parts, base, choice, learned, binned, lacking, notes=(), seconds=0.0, settings={})
+    assert said.verdict == "unexplained"
+    assert said.location.subsystem == "thermoelectric"
+    assert said.closure is not None
+    heat, time, steep = said.closure.terms.values()
+    reference = said.model.values()["learned_reaction.reference_temperature"]
+    assert reference / steep.value == pytest.approx(DOUBLES / np.log(2), abs=4 * reference / steep.value**2 * steep.std)
+    assert time.value == pytest.approx(TAU * 2 ** ((AT - reference) / DOUBLES), abs=4 * time.std)
+    joules = float(said.closure.expression.split("(")[1].split(" ±")[0])
+    loss = said.model.values()["newton_cooling.conductance"]
+    scale = loss * reference * said.model.values()["learned_reaction.reference_time"]
+    assert joules == pytest.approx(BOUND, abs=4 * heat.std * scale)
+    assert "W s r w" in said.closure.expression
+
+
+def test_it_stands_in_place_of_several_names_that_it_does_better_than(drying):
+    base, parts = drying
+    names = forced(base, parts, "nonlinear_heat_loss", "sensor_drift")
+    choice, learned = form_rather_than_name(parts, base, names, Evidence())
+    assert isinstance(learned, Reaction)
+    assert choice.state.names == ()
+    assert choice.given_up[0] == ("nonlinear_heat_loss", "sensor_drift")
+
+
+def test_names_stay_where_nothing_is_used_up():
+    """A loss with the power 1.6 of the temperature, beside a name that is none."""
+    base, parts = base_of(recorded(lambda t, temperature, x: 0.5 * LOSS * abs(temperature / 40.0) ** 0.6 * temperature))
+    names = forced(base, parts, "nonlinear_heat_loss", "sensor_lag")
+    choice, learned = form_rather_than_name(parts, base, names, Evidence())
+    assert learned is None
+    assert choice is names
