@@ -120,7 +120,7 @@ def first_state(model: Model, recording: Recording, noise: Mapping[str, float]):
             slope = float(model.value("thermal_actuation.coefficient") / model.value("elastic_spring.stiffness"))
             warm[0] = clear[n_t] * (s.pulley_radius or 1.0) / slope
         both_read = all(j in first for j in range(n_t + 1))
-        beside = _beside(model, warm, first, noise) if both_read and np.any(warm != 0) else 0.0
+        beside = _beside(model, warm, first, noise) if both_read else 0.0
         return model.initial(jnp.asarray(warm), displaced=beside)
     return model.initial(displaced=clear.get(0, 0.0), effort=effort0)
 

@@ -17,7 +17,7 @@ from scpjax.fit.guess import Scales, guess_base
 from scpjax.fit.noise import noise_of
 from scpjax.fit.problem import Locals, Space, Trial
 from scpjax.fit.segments import cut_long
-from scpjax.fit.space import began_warm, measured, null_values, space_of, starts_of
+from scpjax.fit.space import driven_before, measured, null_values, space_of, starts_of
 from scpjax.physics.catalogue import applicable, systems
 from scpjax.physics.mechanism import Mechanism
 from scpjax.physics.presets import structure as preset
@@ -154,7 +154,10 @@ def structure_for(recordings: Sequence[Recording], model: str | None, extra: Seq
     return base.with_mechanisms(*extra)
 
 
-_WARM = "a recording begins warm: how far the actuator stood beside its equilibrium then, was estimated beside the fit"
+_DRIVEN = (
+    "a recording begins warm, or away from rest: how far the actuator stood beside its equilibrium then, was estimated "
+    "beside the fit"
+)
 
 
 def prepare(
@@ -200,7 +203,7 @@ def prepare(
     moving = s.mechanical and (release or not s.thermal)
     locals_ = Locals(
         temperature=s.thermal,
-        displaced=(moving or began_warm(s, recordings, ambient, sigma)) and not cut_notes,
+        displaced=(moving or driven_before(s, recordings, ambient, sigma)) and not cut_notes,
         moving=moving and not cut_notes,
         own=s.system is not None and not cut_notes,
     )
@@ -208,8 +211,8 @@ def prepare(
     space = space_of(s, locals_, len(recordings), starts[0], scales, measured(s, recordings)[0], prior_strength)
     fixed_values = _held(s, scales, known, free_base, starts[0])
     active = np.concatenate([free_base, np.ones(space.size - len(free_base), bool)])
-    warm_notes = (_WARM,) if locals_.displaced and not moving else ()
-    notes = tuple(d for r in whole for d in doubts(r)) + cut_notes + notes + known_notes + warm_notes
+    driven_notes = (_DRIVEN,) if locals_.displaced and not moving else ()
+    notes = tuple(d for r in whole for d in doubts(r)) + cut_notes + notes + known_notes + driven_notes
     return Setup(s, recordings, data, space, fixed_values, active, tuple(starts), scales, tuple(known), notes)
 
 

@@ -18,7 +18,8 @@ from scpjax.physics.structure import Structure
 from scpjax.recordings.recording import Recording
 from scpjax.simulate.drive import drive_values, effort
 
-_WARM = 6.0, 0.05  # a first temperature beyond these, of the noise and of the range seen, says that it began warm
+_CLEAR = 6.0  # a first reading further from rest, in units of the noise, is not of rest
+_WARM, _AWAY = 0.05, 0.01  # nor is one further, in units of the range seen, of temperature, of displacement
 
 
 def null_values(s: Structure, scales: Scales) -> np.ndarray:
@@ -162,19 +163,20 @@ def _prior(
     return float(np.log(value)), spread / strength
 
 
-def began_warm(
+def driven_before(
     s: Structure, recordings: Sequence[Recording], ambient: Sequence[float], sigma: Float[np.ndarray, " y"]
 ) -> bool:
-    """Whether a recording, of temperature and displacement, says that its actuator had been driven before it began."""
+    """Whether a recording, of temperature and displacement, says that its actuator had been driven before it began: it
+    is not at the room's temperature, or, held by what it remembers of that, not where it is at rest.
+    """
     if not (s.thermal and s.mechanical and all(measured(s, recordings))):
         return False
     for r, room in zip(recordings, ambient, strict=True):
         for j, stem in columns(s, r):
-            if j < len(s.sides):
-                found = r.output(stem)
-                first = abs(float(np.median(found[:3])) - room)
-                if first > max(_WARM[0] * float(sigma[j]), _WARM[1] * float(np.ptp(found))):
-                    return True
+            found, (rest, share) = r.output(stem), (room, _WARM) if j < len(s.sides) else (0.0, _AWAY)
+            first = abs(float(np.median(found[:3])) - rest)
+            if first > max(_CLEAR * float(sigma[j]), share * float(np.ptp(found))):
+                return True
     return False
 
 

@@ -7,7 +7,8 @@ import os
 import numpy as np
 import pytest
 
-from scpjax.diagnose.diagnose import diagnose
+from scpjax.cli.commands import MINUTES
+from scpjax.diagnose.diagnose import DiagnoseOptions, diagnose
 from scpjax.fit.metrics import nrmse, rmse
 from scpjax.fit.predict import predict
 from scpjax.recordings.files import read_recording
@@ -15,6 +16,8 @@ from scpjax.recordings.files import read_recording
 all_cases = pytest.mark.skipif(
     os.environ.get("SCPJAX_ACCEPTANCE") != "1", reason="skipped: set SCPJAX_ACCEPTANCE=1 to run every acceptance case"
 )
+
+AS_THE_COMMAND = DiagnoseOptions(patience=60 * MINUTES)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +58,7 @@ def test_fluidic_muscle(data_dir):
     for file in sorted((data_dir / "cavatappi").glob("sample1_*.csv")):
         whole = read_recording(file)
         end = first_cycles(whole)
-        d = diagnose([whole.slice(None, end)])
+        d = diagnose([whole.slice(None, end)], options=AS_THE_COMMAND)
         later = whole.time >= end
         row = []
         for model in (d.base_model, d.model):
