@@ -70,7 +70,7 @@ ACTIVE = {
     "hysteresis": {"strength": 0.4, "width": 0.15, "middle": 1.4, "inner": 0.7, "centre": 0.2, "span": 0.3},
     "input_delay": {"time": 0.125, "share": 0.6},
     "nonlinear_heat_loss": {"strength": 0.8, "exponent": 0.6},
-    "nonlinear_thermal_force": {"growth": 0.6, "transition": 0.5, "reference": 20.0},
+    "nonlinear_thermal_force": {"growth": 0.6, "transition": 0.5, "width": 0.3, "reference": 20.0},
     "nonlinear_stiffness": {
         "quadratic": 0.3,
         "cubic": 0.4,

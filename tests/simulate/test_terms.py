@@ -50,7 +50,8 @@ def bent_force(law):
             return PULL * z[0] / np.sqrt(1 + 0.6 * r * r)
         if law == 3:
             return PULL * z[0] * np.hypot(r, 0.02) ** 0.6
-        beyond = (r + HOOK(r - 0.5, 0.1) - HOOK(0.5, 0.1)) / 2
+        width = 0.3 if law == 4 else 0.1
+        beyond = (r + HOOK(r - 0.5, width) - HOOK(0.5, width)) / 2
         return PULL * (z[0] + 0.6 * 20 * beyond)
 
     return plant(force=force)
@@ -111,7 +112,7 @@ TERMS = {
     "supply_sag": (sagging, 8),
     "drive_dead_zone": (dead_zone, 2),
     "ambient_drift": (drifting_room, 4),
-    "nonlinear_thermal_force": (bent_force, 4),
+    "nonlinear_thermal_force": (bent_force, 5),
     "thermal_softening": (softening, 3),
     "slack": (slack, 3),
     "fatigue": (tiring, 6),

@@ -8,7 +8,8 @@ from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 from scpjax.physics.smooth import ramp
 
-WIDTH = 0.1  # of the reference excess: how gradually the coefficient changes at the glass transition
+WIDTH = 0.1  # of the reference excess: how gradually the coefficient changes beyond a threshold
+GLASS = 4
 
 ROUND = 0.02  # of the reference excess, over which the power law is rounded where its slope is not finite
 
@@ -19,7 +20,8 @@ class NonlinearThermalForce(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "law quadratic: F = C T (1 + a T/T_ref);  law saturating: F = C T / sqrt(1 + a (T/T_ref)^2);  "
-        "law threshold: F = C (T + a ramp(T - T_g)), the ramp's corner rounded over T_ref/10;  "
+        "law threshold: F = C (T + a ramp(T - T_g)), the ramp's corner rounded over T_ref/10, law glass transition: "
+        "over w T_ref;  "
         "law power: F = C T |T/T_ref|^a, rounded within T_ref/50 of ambient"
     )
     source = (
@@ -29,15 +31,16 @@ class NonlinearThermalForce(Mechanism):
     says = "Each further degree pulls harder (or less hard) than the one before."
     needs = ("mechanical",)
     excited_by = "steady states at several voltages"
-    laws = ("quadratic", "saturating", "threshold", "power")
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"transition": (2,)}
+    laws = ("quadratic", "saturating", "threshold", "power", "glass transition")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"transition": (2, GLASS), "width": (GLASS,)}
     parameters = (
         Parameter(
             name="growth",
             symbol="a",
             unit="1",
             description="relative change of the coefficient: at the reference excess (quadratic), of its inverse "
-            "square there (saturating), beyond the transition (threshold); one less than the exponent (power)",
+            "square there (saturating), beyond the transition (threshold, glass transition); one less than the "
+            "exponent (power)",
             typical=0.0,
             bounds=(-0.95, 10.0),
             null=0.0,
@@ -48,10 +51,22 @@ class NonlinearThermalForce(Mechanism):
             name="transition",
             symbol="T_g",
             unit="1",
-            description="temperature excess of the transition, as a share of the reference (law threshold)",
+            description="temperature excess of the transition, as a share of the reference (laws threshold, glass "
+            "transition)",
             typical=0.4,
             bounds=(0.02, 1.5),
             null=0.4,
+            spread=0.7,
+        ),
+        Parameter(
+            name="width",
+            symbol="w",
+            unit="1",
+            description="temperature excess over which the corner is rounded, half of the change within 0.58 of it to "
+            "either side, as a share of the reference (law glass transition)",
+            typical=0.2,
+            bounds=(0.02, 2.0),
+            null=0.2,
             spread=0.7,
         ),
         Parameter(
@@ -65,13 +80,14 @@ class NonlinearThermalForce(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.4, 0.4, 0.0), (-0.3, 0.5, 0.0))
+    starts = ((0.4, 0.4, 0.2, 0.0), (-0.3, 0.5, 0.2, 0.0))
 
     def force(self, p: Values, view: View) -> Side:
         t = view.actuating / p.reference
         quadratic = p.growth * t * t
         saturating = t / jnp.sqrt(jnp.maximum(1.0 + p.growth * t * t, 0.05)) - t
-        threshold = p.growth * ramp(t, p.transition, jnp.asarray(WIDTH, t.dtype))
+        threshold = p.growth * ramp(t, p.transition, jnp.where(p.law == GLASS, p.width, WIDTH))
         power = t * ((t * t + ROUND**2) ** (0.5 * p.growth) - 1.0)
-        more = jnp.select([p.law == 0, p.law == 1, p.law == 2], [quadratic, saturating, threshold], power)
+        which = [p.law == 0, p.law == 1, p.law == 3]
+        more = jnp.select(which, [quadratic, saturating, power], threshold)
         return view.shared["coefficient"] * p.reference * more
