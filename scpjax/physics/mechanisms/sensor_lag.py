@@ -8,32 +8,40 @@ from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Quantity, Side, Values, View
 
 SHORTEST = 1e-3  # s: below this the sensor is immediate
+AVERAGE, MOVED = 3, 4
 
 
 class SensorLag(Mechanism):
     name = "sensor_lag"
-    title = "The temperature sensor lags"
+    title = "A sensor lags"
     subsystem = "sensor"
     equation = (
         "tau dy/dt = T - y;  law two in series: tau dw/dt = T - w, tau dy/dt = w - y;  "
-        "law in part: the reading is (1 - s) T + s y"
+        "law in part: the reading is (1 - s) T + s y;  law average: the mean of T over the last W = 2 tau, "
+        "y = q_0 + q_2/42, W dq_i/dt = q_(i+1), q_4/1680 + q_3/84 + 3 q_2/28 + q_1/2 + q_0 = T;  "
+        "law displacement average: of the displacement in place of T"
     )
     source = (
         "first-order thermometer; the thesis notes the thermistor's lag in 3.3.2; in series with its well, or in part "
-        "from the conduction of its leads: Doebelin, Measurement Systems, ch. 8"
+        "from the conduction of its leads: Doebelin, Measurement Systems, ch. 8; a moving average as a filter: Smith, "
+        "Scientist and Engineer's Guide to Digital Signal Processing, ch. 15, (1 - exp(-W p))/(W p) with Pade's "
+        "approximant of order (4, 4) of the exponential"
     )
-    says = "The thermometer needs time to take the temperature of what it touches, so it reads late."
+    says = (
+        "The thermometer needs time to take the temperature of what it touches, or a sensor averages, so it reads late."
+    )
     needs = ("thermal", "temperature_output")
+    law_needs: ClassVar[dict[int, tuple[str, ...]]] = {MOVED: ("mechanical", "displacement_output")}
     excited_by = "voltage steps"
-    states = ("sensed_temperature", "well_temperature")
-    laws = ("first order", "two in series", "in part")
+    states = ("sensed", "second", "third", "fourth")
+    laws = ("first order", "two in series", "in part", "average", "displacement average")
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {"share": (2,)}
     parameters = (
         Parameter(
             name="time_constant",
             symbol="τ",
             unit="s",
-            description="time constant of the sensor",
+            description="time constant of the sensor, or half of the time over which it averages",
             typical=0.1,
             bounds=(0.003, 10.0),
             null=0.0,
@@ -54,17 +62,30 @@ class SensorLag(Mechanism):
     starts = ((0.05, 0.5), (0.4, 0.5))
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
-        sensed, well = view.own
-        late = p.time_constant > SHORTEST
-        pace = 1.0 / jnp.maximum(p.time_constant, SHORTEST)
-        rate = (jnp.where(p.law == 1, well, view.felt) - sensed) * pace
-        return (jnp.where(late, rate, 0.0), jnp.where(late & (p.law == 1), (view.felt - well) * pace, 0.0))
+        y, second, third, fourth = view.own
+        true = jnp.where(p.law == MOVED, view.displacement, view.felt)
+        late, averages, series = p.time_constant > SHORTEST, p.law >= AVERAGE, p.law == 1
+        pace = jnp.where(late, jnp.where(averages, 0.5, 1.0) / jnp.maximum(p.time_constant, SHORTEST), 0.0)
+        first = jnp.where(averages, second, jnp.where(series, second, true) - y)
+        then = jnp.where(averages, third, jnp.where(series, true - second, 0.0))
+        last = 1680.0 * (true - y) - 840.0 * second - 180.0 * third - 20.0 * fourth
+        return (
+            pace * first,
+            pace * then,
+            pace * jnp.where(averages, fourth, 0.0),
+            pace * jnp.where(averages, last, 0.0),
+        )
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
-        return (view.temperature, view.temperature)
+        true = jnp.where(p.law == MOVED, view.displacement, view.temperature)
+        return (true, jnp.where(p.law == 1, true, 0.0), jnp.zeros_like(true), jnp.zeros_like(true))
 
     def reading(self, p: Values, view: View, quantity: Quantity, value: Side) -> Side:
+        late, read = p.time_constant > SHORTEST, view.own[0]
+        read = jnp.where(p.law >= AVERAGE, read + view.own[2] / 42.0, read)
+        if quantity == "displacement":
+            return jnp.where(late & (p.law == MOVED), value + read - view.displacement, value)
         if quantity != "temperature":
             return value
         share = jnp.where(p.law == 2, p.share, 1.0)
-        return jnp.where(p.time_constant > SHORTEST, value + share * (view.own[0] - view.felt), value)
+        return jnp.where(late & (p.law != MOVED), value + share * (read - view.felt), value)
