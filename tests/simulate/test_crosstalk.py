@@ -94,6 +94,16 @@ def test_a_plume_warms_one_and_cools_none(lean):
     np.testing.assert_allclose(found, exactly(a), rtol=1e-9, atol=1e-12)
 
 
+def by_scipy(rates) -> np.ndarray:
+    """Both temperatures from rest, of ``rates(t, z, volts)``."""
+    z = np.zeros(2)
+    wanted = [z]
+    for i, volts in enumerate(VOLTS[:-1]):
+        z = scipy.integrate.solve_ivp(rates, TIME[i : i + 2], z, args=(volts,), rtol=1e-10, atol=1e-12).y[:, -1]
+        wanted.append(z)
+    return np.array(wanted)
+
+
 def test_exchange_by_radiation_is_its_equation():
     model = joint("radiation", exchange=0.4)
     room = float(model.ambient)
@@ -102,11 +112,15 @@ def test_exchange_by_radiation_is_its_equation():
         shone = 0.4 * LAM * ((room + z[1]) ** 4 - (room + z[0]) ** 4) / (4 * room**3)
         return (volts**2 / R - LAM * z + np.array([shone, -shone])) / C_TH
 
-    z = np.zeros(2)
-    wanted = [z]
-    for i, volts in enumerate(VOLTS[:-1]):
-        z = scipy.integrate.solve_ivp(rates, TIME[i : i + 2], z, args=(volts,), rtol=1e-10, atol=1e-12).y[:, -1]
-        wanted.append(z)
-    np.testing.assert_allclose(temperatures(model)[:, :2], wanted, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(temperatures(model)[:, :2], by_scipy(rates), rtol=1e-5, atol=1e-6)
     balance = energy_balance(model, RECORDING)
     np.testing.assert_allclose(balance["lost"] + balance["stored"], balance["supplied"], rtol=1e-5)
+
+
+def test_a_plume_of_free_convection_goes_with_the_power_five_quarters():
+    def rates(_t, z, volts):
+        carried = z * (np.hypot(z, 1.0) / 50.0) ** 0.25
+        return (volts**2 / R - LAM * z + 0.4 * LAM * np.array([0.3 * carried[1], 1.7 * carried[0]])) / C_TH
+
+    found = temperatures(joint("free convection", exchange=0.4, lean=0.7))[:, :2]
+    np.testing.assert_allclose(found, by_scipy(rates), rtol=1e-5, atol=1e-6)

@@ -61,7 +61,7 @@ def softening(law):
     def force(t, z, u):
         r = z[0] / 20
         glass = (np.tanh((r - 0.5) / 0.2) + np.tanh(0.5 / 0.2)) / 2
-        lost = (0.4 * r, 0.4 * glass, 1 - np.exp(-0.4 * r))[law]
+        lost = (0.4 * r, 0.4 * glass, 1 - np.exp(-0.4 * r), 1 - np.exp(-0.4 * r * 1.5 / (0.5 + r)))[law]
         return PULL * z[0] + K * z[1] * lost
 
     return plant(force=force)
@@ -113,7 +113,7 @@ TERMS = {
     "drive_dead_zone": (dead_zone, 2),
     "ambient_drift": (drifting_room, 4),
     "nonlinear_thermal_force": (bent_force, 5),
-    "thermal_softening": (softening, 3),
+    "thermal_softening": (softening, 4),
     "slack": (slack, 3),
     "fatigue": (tiring, 6),
     "antagonist_load": (pulled_back, 3),

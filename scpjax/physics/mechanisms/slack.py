@@ -1,12 +1,15 @@
 """Slack in what couples the coil to the load."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Quantity, Side, Values, View
-from scpjax.physics.smooth import clipped
+from scpjax.physics.smooth import clipped, root
 
 ROUND = 0.02  # of the gap: the width of its corners
+CABLES = 3
 
 
 class Slack(Mechanism):
@@ -16,7 +19,8 @@ class Slack(Mechanism):
     equation = (
         "law tendon: the sensor's side moves by x - clip(x, -g, g);  "
         "law pull: F = C T - clip(C T, -k g, k g);  corners rounded over g/50;  "
-        "law toe: F = C T |C T| / (4 k g) up to C T = 2 k g, C T - k g beyond"
+        "law toe: F = C T |C T| / (4 k g) up to C T = 2 k g, C T - k g beyond;  law cables, of a joint: "
+        "F = max(C T - k (x + g), 0) in place of C T - k x, for each side, rounded over k g/50"
     )
     source = (
         "dead zone of a slack cable: Tao, Kokotovic, Adaptive Control of Systems with Actuator and Sensor "
@@ -26,7 +30,8 @@ class Slack(Mechanism):
     says = "The coil first has to take up the slack of its tendon before anything moves."
     needs = ("mechanical",)
     excited_by = "heating slowly from cold, and small steps about cold"
-    laws = ("tendon", "pull", "toe")
+    laws = ("tendon", "pull", "toe", "cables")
+    law_needs: ClassVar[dict[int, tuple[str, ...]]] = {CABLES: ("joint",)}
     parameters = (
         Parameter(
             name="gap",
@@ -58,7 +63,12 @@ class Slack(Mechanism):
         taut = 2.0 * jnp.where((p.law == 2) & (gap > 0), gap, 1.0)
         toe = jnp.clip(pull, -taut, taut)
         toe = jnp.where((p.law == 2) & (gap > 0), toe - toe * jnp.abs(toe) / (2.0 * taut), 0.0)
-        return -clipped(pull, idle, ROUND * idle) - toe
+        spring = view.shared["stiffness"] * view.deflection
+        whole = pull - spring
+        beyond = whole - gap
+        held = 0.5 * (beyond + root(beyond * beyond + (ROUND * gap) ** 2))
+        cable = jnp.where((p.law == CABLES) & (gap > 0), held - whole, 0.0)
+        return cable - clipped(pull, idle, ROUND * idle) - toe
 
     def reading(self, p: Values, view: View, quantity: Quantity, value: Side) -> Side:
         if quantity != "displacement":

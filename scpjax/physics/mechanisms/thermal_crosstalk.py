@@ -17,14 +17,15 @@ class ThermalCrosstalk(Mechanism):
         "law delayed: T_1 - a_1 in place of T_1 - T_2, tau da_1/dt = T_2 - a_1;  law radiation: "
         "((T_0 + T_1)^4 - (T_0 + T_2)^4)/(4 T_0^3) in place of T_1 - T_2, T_0: ambient;  law frame: T_1 - a in place "
         "of T_1 - T_2, tau da/dt = (T_1 + T_2)/2 - a;  law plume: + g lambda (1 - b) T_2 for 1, + g lambda (1 + b) T_1 "
-        "for 2"
+        "for 2;  law free convection: of a plume, T ((T^2 + 1 K^2)/(50 K)^2)^(1/8) in place of T"
     )
     source = (
         "lumped exchange between two bodies: Incropera, Fundamentals of Heat and Mass Transfer, ch. 3; delayed: the "
         "air around each takes on the other's temperature as a well-mixed volume, ch. 5 there; radiation "
         "between two surfaces: ch. 13 there; frame: both are clamped to one body of a heat capacity of its own, "
         "ch. 5 there (what it loses to the room counts as the actuators' own loss); plume: air "
-        "that one has warmed, and that has left it anyway, flows past the other: Incropera ch. 9"
+        "that one has warmed, and that has left it anyway, flows past the other, in proportion to T, or as free "
+        "convection carries it, to T^(5/4): Incropera ch. 9"
     )
     says = "Heat flows from the warmer muscle of the joint to the other, through the air and the mount between them."
     needs = ("thermal", "joint")
@@ -56,7 +57,7 @@ class ThermalCrosstalk(Mechanism):
             symbol="b",
             unit="1",
             description="how one-sided it is: 1 if only the agonist warms the other, -1 if only the antagonist does "
-            "(law plume)",
+            "(laws plume, free convection)",
             typical=0.5,
             bounds=(-1.0, 1.0),
             null=0.0,
@@ -64,8 +65,8 @@ class ThermalCrosstalk(Mechanism):
             spread=0.7,
         ),
     )
-    laws = ("direct", "delayed", "radiation", "frame", "plume")
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"time_constant": (1, 3), "lean": (4,)}
+    laws = ("direct", "delayed", "radiation", "frame", "plume", "free convection")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"time_constant": (1, 3), "lean": (4, 5)}
     states = ("air_temperature",)
     starts = ((0.3, 0.2, 0.0),)
 
@@ -76,7 +77,8 @@ class ThermalCrosstalk(Mechanism):
         if_direct = jnp.where(_is_late(p), view.own[0], view.temperature[::-1]) - view.temperature
         exchanged = jnp.where(p.law == 2, _radiated(view)[::-1] - _radiated(view), if_direct)
         reaching = 1.0 + jnp.mean(p.lean) * jnp.array([-1.0, 1.0])
-        return between * jnp.where(p.law == 4, reaching * view.temperature[::-1], exchanged)
+        plume = jnp.where(p.law == 5, _carried(view), view.temperature)[::-1]
+        return between * jnp.where(p.law >= 4, reaching * plume, exchanged)
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
         return (jnp.where(_is_late(p), (_nearby(p, view) - view.own[0]) / p.time_constant, 0.0),)
@@ -99,6 +101,11 @@ def _radiated(view: View) -> Side:
     """((T_0 + T)^4 - T_0^4)/(4 T_0^3) [K]."""
     warm = view.temperature / view.ambient
     return view.temperature * (1.0 + warm * (1.5 + warm * (1.0 + 0.25 * warm)))
+
+
+def _carried(view: View) -> Side:
+    """What free convection carries away goes with the power 5/4 of the temperature [K], as one of 50 K does with it."""
+    return view.temperature * ((view.temperature**2 + 1.0) / 50.0**2) ** 0.125
 
 
 def _other(view: View) -> Side:

@@ -8,6 +8,9 @@ from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 from scpjax.physics.smooth import rise
 
+WLF = 3
+_COLDEST = 0.05  # of the reference excess above where the shift has no end
+
 
 class ThermalSoftening(Mechanism):
     name = "thermal_softening"
@@ -15,25 +18,27 @@ class ThermalSoftening(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "law linear: F = -k x (1 - a T/T_ref);  law glass transition: F = -k x (1 - a s(T)), "
-        "s = (1 + tanh((T - T_g)/w))/2 less what that is at T = 0;  law exponential: F = -k x exp(-a T/T_ref)"
+        "s = (1 + tanh((T - T_g)/w))/2 less what that is at T = 0;  law exponential: F = -k x exp(-a T/T_ref);  "
+        "law WLF: F = -k x exp(-a r (1 + T_g)/(T_g + r)), r = T/T_ref"
     )
     source = (
         "modulus of nylon against temperature, halved through its glass transition at 40 to 60 degC: "
         "Ward, Sweeney, Mechanical Properties of Solid Polymers, ch. 5 and 7; hyperbolic tangent through a transition: "
-        "Gibson, Wu, Evans, Mouritz, J. Compos. Mater. 40 (2006) 639"
+        "Gibson, Wu, Evans, Mouritz, J. Compos. Mater. 40 (2006) 639; a power of the shift factor that falls as "
+        "Williams, Landel and Ferry say: J. Am. Chem. Soc. 77 (1955) 3701"
     )
     says = "Warm polymer is softer than cold polymer, so the coil's stiffness falls as it heats."
     needs = ("mechanical",)
     excited_by = "the same load at several temperatures"
-    laws = ("linear", "glass transition", "exponential")
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"transition": (1,), "width": (1,)}
+    laws = ("linear", "glass transition", "exponential", "WLF")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"transition": (1, WLF), "width": (1,)}
     parameters = (
         Parameter(
             name="softening",
             symbol="a",
             unit="1",
-            description="share of the stiffness that is lost: at the reference excess (linear; exponential: its "
-            "logarithm), far beyond the transition (glass transition)",
+            description="share of the stiffness that is lost: at the reference excess (linear; exponential, WLF: "
+            "its logarithm), far beyond the transition (glass transition)",
             typical=0.3,
             bounds=(0.003, 0.95),
             null=0.0,
@@ -43,7 +48,8 @@ class ThermalSoftening(Mechanism):
             name="transition",
             symbol="T_g",
             unit="1",
-            description="temperature excess of the transition, as a share of the reference",
+            description="temperature excess of the transition, or by which half of what WLF's shift can reach is "
+            "there, as a share of the reference",
             typical=0.4,
             bounds=(0.1, 1.5),
             null=0.4,
@@ -75,5 +81,6 @@ class ThermalSoftening(Mechanism):
     def force(self, p: Values, view: View) -> Side:
         t = view.actuating / p.reference
         lost = p.softening * jnp.where(p.law == 0, t, rise(t, p.transition, p.width))
-        lost = jnp.where(p.law == 2, -jnp.expm1(-p.softening * t), lost)
+        shift = jnp.where(p.law == WLF, t * (1.0 + p.transition) / jnp.maximum(p.transition + t, _COLDEST), t)
+        lost = jnp.where(p.law >= 2, -jnp.expm1(-p.softening * shift), lost)
         return view.shared["stiffness"] * view.deflection * jnp.minimum(lost, 0.98)
