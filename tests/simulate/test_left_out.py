@@ -39,20 +39,21 @@ def test_both_actuators_of_a_joint_draw_on_one_supply():
     np.testing.assert_allclose(model.rates(warm, asked)[:2], 0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("law", [5, 6, 7], ids=["charge", "polarisation", "cell"])
+@pytest.mark.parametrize("law", [5, 6, 7, 9], ids=["charge", "polarisation", "cell", "exhaustion"])
 def test_both_actuators_of_a_joint_tire_one_supply(law):
-    model = on_one_supply(law, sag=0.15)
+    model = on_one_supply(law, sag=0.15, capacity=4.0)
     names = model.structure.state_names
     drawn = [i for i, name in enumerate(names) if "drawn" in name]
     volts = np.array([8.0, 3.0])
 
     def given(q):
+        q = q / (1 - q / 4.0) if law == 9 else q
         return np.maximum(volts - 1.5 * q, 0.0) if law == 7 else volts * (1 - 0.15 * q)
 
     def rates(_t, z):
         total = given(z[2]).sum() / 10
         heat = (given(z[2]) ** 2 / R - LAM * z[:2]) / C_TH
-        return [*heat, total / 6.0 if law == 5 else (total - z[2]) / 2.0]
+        return [*heat, total / 6.0 if law in (5, 9) else (total - z[2]) / 2.0]
 
     time = np.arange(0, 10, 0.01)
     exact = scipy.integrate.solve_ivp(rates, (0, time[-1]), [0.0] * 3, t_eval=time, rtol=1e-9, atol=1e-12)

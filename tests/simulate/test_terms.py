@@ -11,11 +11,12 @@ from scpjax.simulate.simulate import Exponential, simulate
 def sagging(law):
     def left(z, u):
         volts, drawn = np.sqrt(u), np.sqrt(u) / 10 if law in (0, 3) else z[3]
+        drawn = drawn / max(1 - drawn / 1.6, 0.05) if law in (8, 9) else drawn
         return (max(volts - 0.4 * 10 * drawn, 0.0) if law in (4, 7) else volts * (1 - 0.4 * drawn)) ** 2
 
     def fill(t, z, u):
         given = np.sqrt(left(z, u)) / 10
-        return given / 6.0 if law in (1, 5) else (given - z[3]) / 2.0
+        return given / 6.0 if law in (1, 5, 8, 9) else (given - z[3]) / 2.0
 
     return plant(power=lambda t, z, u: left(z, u) / R, own=(fill,))
 
@@ -109,7 +110,7 @@ def drifting_sensor(_law):
 
 
 TERMS = {
-    "supply_sag": (sagging, 8),
+    "supply_sag": (sagging, 10),
     "drive_dead_zone": (dead_zone, 2),
     "ambient_drift": (drifting_room, 4),
     "nonlinear_thermal_force": (bent_force, 5),

@@ -10,8 +10,9 @@ from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
 LITTLE = 0.01  # of the greatest power
 LEAST = 0.05  # of the volts, that the supply gives in any case
-AT_ONCE, CHARGE, POLARISED, CELL = (0, 3), (1, 5), (2, 6), (4, 7)  # laws by what tires the supply
-SHARED = (3, 5, 6, 7)  # laws of one supply for both actuators of a joint
+AT_ONCE, CHARGE, POLARISED, CELL = (0, 3), (1, 5, 8, 9), (2, 6), (4, 7)  # laws by what tires the supply
+EXHAUSTS = (8, 9)  # of those by charge, laws of one that comes to an end
+SHARED = (3, 5, 6, 7, 9)  # laws of one supply for both actuators of a joint
 
 
 def _root(effort: Side) -> Side:
@@ -30,13 +31,14 @@ class SupplySag(Mechanism):
     equation = (
         "V_wire = V (1 - s q);  law load: q = |V|/V_ref;  law charge: dq/dt = |V_wire|/(V_ref t_ref);  "
         "law polarisation: tau dq/dt = |V_wire|/V_ref - q;  law cell: V_wire = V - s V_ref q, not below 0, with the q "
-        "of polarisation;  laws shared load, shared charge, shared polarisation, shared cell: a joint's one supply, of "
-        "which q takes the sum over both actuators"
+        "of polarisation;  law exhaustion: q/(1 - q/c) in place of q, with the q of charge, 1 - q/c at least 0.05;  "
+        "laws shared load, shared charge, shared polarisation, shared cell, shared exhaustion: a joint's one supply, "
+        "of which q takes the sum over both actuators"
     )
     source = (
-        "load: source resistance before a smoothed PWM; charge and polarisation: Shepherd's battery equation, "
-        "J. Electrochem. Soc. 112 (1965) 657; cell: a resistor and a capacitor in parallel before the wire, the "
-        "Thevenin model of Plett, Battery Management Systems I, ch. 2"
+        "load: source resistance before a smoothed PWM; charge, exhaustion and polarisation: Shepherd's battery "
+        "equation, J. Electrochem. Soc. 112 (1965) 657; cell: a resistor and a capacitor in parallel before the wire, "
+        "the Thevenin model of Plett, Battery Management Systems I, ch. 2"
     )
     says = "The battery gives fewer volts the more is drawn from it, so strong drives reach the wire weakened."
     needs = ("voltage",)
@@ -50,9 +52,14 @@ class SupplySag(Mechanism):
         "shared charge",
         "shared polarisation",
         "shared cell",
+        "exhaustion",
+        "shared exhaustion",
     )
     law_needs: ClassVar[dict[int, tuple[str, ...]]] = dict.fromkeys(SHARED, ("joint",))
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"time_constant": POLARISED + CELL}
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {
+        "time_constant": POLARISED + CELL,
+        "capacity": EXHAUSTS,
+    }
     states = ("drawn",)
     parameters = (
         Parameter(
@@ -79,6 +86,17 @@ class SupplySag(Mechanism):
             time="response",
         ),
         Parameter(
+            name="capacity",
+            symbol="c",
+            unit="1",
+            description="charge that the supply holds, in units of what it gives at the greatest drive in the "
+            "reference time (laws exhaustion)",
+            typical=1.5,
+            bounds=(0.05, 30.0),
+            null=1.5,
+            spread=1.0,
+        ),
+        Parameter(
             name="reference",
             symbol="V_ref",
             unit="V",
@@ -99,7 +117,7 @@ class SupplySag(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.15, 0.5, 0.0, 0.0),)
+    starts = ((0.15, 0.5, 1.5, 0.0, 0.0),)
 
     def _drives(self, p: Values, effort: Side) -> Side:
         """|V|/V_ref; the small floor keeps its derivative finite at 0 V."""
@@ -110,8 +128,13 @@ class SupplySag(Mechanism):
         drives = self._drives(p, effort)
         return jnp.where(_one_of(p.law, SHARED), jnp.sum(drives), drives)
 
+    def _drawn(self, p: Values, view: View) -> Side:
+        """q, or what stands in its place near the end of a charge."""
+        left = jnp.maximum(1.0 - view.own[0] / p.capacity, LEAST)
+        return view.own[0] / jnp.where(_one_of(p.law, EXHAUSTS), left, 1.0)
+
     def effort(self, p: Values, view: View, effort: Side) -> Side:
-        drawn = jnp.where(_one_of(p.law, AT_ONCE), self._draws(p, effort), view.own[0])
+        drawn = jnp.where(_one_of(p.law, AT_ONCE), self._draws(p, effort), self._drawn(p, view))
         volts = _root(effort)
         cell = jnp.maximum(volts - p.sag * p.reference * view.own[0], 0.0) / jnp.where(volts > 0, volts, 1.0)
         return effort * jnp.where(_one_of(p.law, CELL), cell, jnp.maximum(1.0 - p.sag * drawn, LEAST)) ** 2
@@ -119,7 +142,7 @@ class SupplySag(Mechanism):
     def effort_for(self, p: Values, view: View, effort: Side) -> Side:
         # v (1 - s v) = w, solved for the smaller root; beyond the most that the supply can give, its turning point
         share = 2.0 / (1.0 + jnp.sqrt(jnp.maximum(1.0 - 4.0 * p.sag * self._draws(p, effort), 1e-12)))
-        later = 1.0 / jnp.maximum(1.0 - p.sag * view.own[0], LEAST)
+        later = 1.0 / jnp.maximum(1.0 - p.sag * self._drawn(p, view), LEAST)
         asked = effort * jnp.where(_one_of(p.law, AT_ONCE), share, later) ** 2
         cell = jnp.where(effort > 0, (_root(effort) + p.sag * p.reference * view.own[0]) ** 2, 0.0)
         return jnp.where(_one_of(p.law, CELL), cell, asked)
