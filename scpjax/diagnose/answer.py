@@ -214,7 +214,9 @@ def _nearest(choice: Choice) -> tuple[str, ...]:
     if not names:
         return ()
     why = f"with it {100 * left:.0f} % of the misfit of the held-out stretches stays"
-    if choice.overstretched:
+    if choice.outdone:
+        why = "what was learned in their place explains the same, and better"
+    elif choice.overstretched:
         why = f"the recordings ask for more than physics allows: {', '.join(map(_beyond, choice.overstretched))}"
     return (f"nearest in the catalogue: {' with '.join(names)}; not named, for {why}",)
 

@@ -28,7 +28,7 @@ _BEHIND = 0.05  # of the misfit, by which a balance may answer for less than the
 _COMPLETE = 0.1  # of the misfit: what a closure alone may leave to be an explanation in place of names
 _MOST = 0.25  # of the held-out misfit, up to which a closure may leave and say where it lies: half in root mean square
 _FAR_BETTER = 0.5  # ratio of what it leaves to what the names leave, below which they are false
-_HEATED = ("drive", "thermoelectric", "sensor")  # where names act that a reaction may look like together
+_HEATED = ("drive", "thermoelectric", "sensor")  # where names act that a reaction may look like, one by a heat
 
 Beyond = Learned | Curve | Reaction
 """What is learned beyond names, or in their place."""
@@ -56,9 +56,9 @@ def closure(state: State, parts: Split, rules: Evidence, where: Sequence[str] = 
     """
     reaction = reacting(state, parts, rules) if not where or "thermoelectric" in where else None
     found = [f for f in (form(state, parts, rules, where), reaction) if f is not None]
-    able = [f for f in found if level(f.state, parts) <= AT_NOISE]
-    if able:
-        return max(able, key=lambda f: ahead(f.state, state, parts, rules))
+    whole = [f for f in found if level(f.state, parts) <= AT_NOISE]
+    if whole:
+        return max(whole, key=lambda f: ahead(f.state, state, parts, rules))
     return min(found, key=lambda f: _unexplained(f.state, parts.is_held), default=None)
 
 
@@ -191,7 +191,7 @@ def form_rather_than_name(parts: Split, base: State, choice: Choice, rules: Evid
     alone = _in_place_of(base, choice.state, parts, rules) if ends else None
     alone = alone or _one_reaction(base, choice.state, parts, rules)
     if alone is not None:
-        return _told_of(Choice(base, choice.ranking, {}, {}), choice, ends, base, parts), alone
+        return _told_of(Choice(base, choice.ranking, {}, {}, outdone=not ends), choice, ends, base, parts), alone
     fewer, corrected = _corrected_rather_than_named(parts, base, choice, rules)
     if corrected is None or not is_better(corrected.state, choice.state, parts, rules):
         return choice, None
@@ -231,9 +231,9 @@ def _in_place_of(base: State, state: State, parts: Split, rules: Evidence) -> Be
 
 
 def _one_reaction(base: State, state: State, parts: Split, rules: Evidence) -> Reaction | None:
-    """A reaction alone that reaches the noise and does better than several names, all of them about the heat."""
+    """A reaction alone that reaches the noise and does better than several names, about the heat and its reading."""
     acting = {state.setup.structure.mechanism(n).subsystem for n in state.names}
-    if len(state.names) < 2 or not acting <= {*_HEATED}:
+    if len(state.names) < 2 or not acting <= {*_HEATED} or "thermoelectric" not in map(balance_of, acting):
         return None
     found = reacting(base, parts, rules)
     if found is None or level(found.state, parts) > AT_NOISE or not is_better(found.state, state, parts, rules):

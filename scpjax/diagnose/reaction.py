@@ -63,7 +63,7 @@ def draw_reaction(found: Reaction, every: Mapping[str, Estimate], values: Mappin
     taken = f"{'-' * (heat.value < 0)}({abs(heat.value * scale):.3g}{error})"
     says = (
         f"{what} = {taken} {unit} s r w, with r = exp((T - {temperature:.3g} K)/({temperature / steep.value:.3g} K)) "
-        f"/ ({time.value:.3g} s) and w, 1 at the start, falling at the rate r w"
+        f"/ ({time.value:.3g} s) and w, 1 at the start of every recording, falling at the rate r w"
     )
     terms = {key: every[key] for key in _KEYS}
     evidence = found.evidence

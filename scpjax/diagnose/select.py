@@ -33,7 +33,8 @@ class Choice:
     """How it ended: the hypothesis chosen, all that was tried, and what could stand in for what.
 
     ``given_up``: names that came nearest and are none, and the share of the held-out misfit that they left;
-    ``overstretched``: those of them that asked for more than their laws allow.
+    ``overstretched``: those of them that asked for more than their laws allow; ``outdone``: something learned explains
+    what they do, and better.
     ``free``: the name of a mechanism that a learned curve is, which the hypothesis does not hold. ``settled``: every
     name was set against what could stand in its place.
     """
@@ -44,6 +45,7 @@ class Choice:
     equivalents: dict[str, tuple[str, ...]]
     given_up: tuple[tuple[str, ...], float] = ((), 0.0)
     overstretched: tuple[str, ...] = ()
+    outdone: bool = False
     free: str = ""
     settled: bool = False
 

@@ -82,7 +82,7 @@ def _resolved(model: Model, recording: Recording, outputs_by: Callable[[Exponent
     # of higher order, steps as long as a sample may go astray where a mechanism saturates within one
     order, substeps = (2, 4 * substeps) if recording.hold == "zero_order" else (4, 2 * substeps)
     outputs = outputs_by(Exponential(order=order, substeps=substeps))
-    if not any(m.states and m.subsystem == "thermomechanical" for m in s.mechanisms if not m.is_base):
+    if not any(m.may_need_short_steps for m in s.mechanisms):
         return outputs
     for _ in range(_HALVINGS):
         substeps *= 2

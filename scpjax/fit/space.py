@@ -167,14 +167,17 @@ def driven_before(
     s: Structure, recordings: Sequence[Recording], ambient: Sequence[float], sigma: Float[np.ndarray, " y"]
 ) -> bool:
     """Whether a recording, of temperature and displacement, says that its actuator had been driven before it began: it
-    is not at the room's temperature, or, held by what it remembers of that, not where it is at rest.
+    is not at the room's temperature, or, held by what it remembers of that, not at the zero of its displacement (a
+    sensor that was not zeroed looks like that too).
     """
     if not (s.thermal and s.mechanical and all(measured(s, recordings))):
         return False
     for r, room in zip(recordings, ambient, strict=True):
         for j, stem in columns(s, r):
             found, (rest, share) = r.output(stem), (room, _WARM) if j < len(s.sides) else (0.0, _AWAY)
-            first = abs(float(np.median(found[:3])) - rest)
+            off = np.abs(found[:3] - rest)
+            # what a drive has moved by the second sample, or one wild sample, says nothing of a displacement
+            first = float(np.median(off) if j < len(s.sides) else np.min(off))
             if first > max(_CLEAR * float(sigma[j]), share * float(np.ptp(found))):
                 return True
     return False

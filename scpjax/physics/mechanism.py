@@ -93,6 +93,11 @@ class Mechanism(eqx.Module):
         """Base mechanisms have no null value: a model is not one without them."""
         return all(p.null is None for p in self.parameters)
 
+    @property
+    def may_need_short_steps(self) -> bool:
+        """Whether a step as long as a sample may be too long for it, as it may be for a force that is remembered."""
+        return bool(self.states) and self.subsystem == "thermomechanical" and not self.is_base
+
     def free_parameters(self, law: int) -> tuple[Parameter, ...]:
         """What is estimated under a law (its index among ``laws``)."""
         return tuple(p for p in self.parameters if not p.fixed and self.serves(p, law))

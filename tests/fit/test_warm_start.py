@@ -124,7 +124,7 @@ def test_friction_is_found_in_recordings_that_began_in_it(monkeypatch):
     assert friction_leaves(*recordings) > 2 * left
 
 
-def test_where_it_began_is_estimated_for_a_recording_that_driven_before():
+def test_where_it_began_is_estimated_for_a_recording_that_began_warm():
     warm, cold = (recorded(holding(*HELD[0]), t, noise=1.0) for t in (8.0, 0.0))
     names = lambda *r: prepare(r).space.locals.names(PLANT.structure)  # noqa: E731
     assert names(warm) == ("initial_temperature", "initial_displacement")
@@ -147,3 +147,11 @@ def test_one_that_has_cooled_but_is_held_away_from_rest_begins_there(monkeypatch
     assert np.sqrt(np.mean(off[:60] ** 2)) < 1.5 * ADDED[1]
     monkeypatch.setattr("scpjax.fit.setup.driven_before", lambda *_: False)
     assert friction_leaves(recording) > 2 * left
+
+
+def test_what_the_drive_has_moved_by_the_second_sample_was_not_there_before():
+    recording = recorded(PLANT, 0.0)
+    y = np.stack([recording.output("temperature"), recording.output("displacement")], axis=1)
+    quiet = recording.with_outputs(y + 0.02 * ADDED * np.random.default_rng(0).standard_normal(y.shape))
+    assert np.median(quiet.output("displacement")[:3]) > 0.01 * np.ptp(quiet.output("displacement"))
+    assert prepare([quiet]).space.locals.names(PLANT.structure) == ("initial_temperature",)

@@ -6,6 +6,8 @@ import scipy.integrate
 from scpjax.physics import presets
 from scpjax.physics.catalogue import catalogue
 from scpjax.physics.model import Model
+from scpjax.recordings.recording import Recording
+from scpjax.simulate.simulate import Exponential, simulate
 
 CONDUCTANCE, THERMAL_MASS, GAIN = 0.2, 1.5, 0.1
 TE = presets.te(resistance=1 / GAIN, conductance=CONDUCTANCE, thermal_mass=THERMAL_MASS)
@@ -48,3 +50,15 @@ def test_a_reaction_may_give_heat():
         more = np.asarray(model(heat).rates(z, effort)) - np.asarray(model(0.0).rates(z, effort))
         expected = -heat * CONDUCTANCE * T_REF * T_TIME * rate * 0.6 / THERMAL_MASS
         np.testing.assert_allclose(more, [expected, 0.0], rtol=1e-12)
+
+
+def test_far_above_its_reference_it_is_used_up_and_no_more():
+    """In steps of a sample, at the rate that it is kept to: nothing of it is left, and nothing less."""
+    time = np.arange(0.0, 120.0, 0.1)
+    volts = np.sqrt(np.where(time < 60, 2.5, 0.5) * CONDUCTANCE * T_REF / GAIN)
+    hot = Recording.from_arrays(time, {"voltage_V": volts}, {"temperature_degC": np.zeros_like(time)})
+    states = np.asarray(simulate(model(), hot, method=Exponential(order=2)).states)
+    temperature, left = states.T
+    assert temperature.max() > 2 * T_REF
+    assert np.all(np.diff(left) <= 1e-12)
+    assert 0.0 <= left[-1] < 1e-3

@@ -7,19 +7,26 @@ import jax.numpy as jnp
 from scpjax.parameter import Parameter, weight
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
-STEEPEST = 30.0  # in the exponent of the rate
+STEEPEST = 30.0  # logarithm of a factor in the rate, that is fitted
+_FASTEST = 3.0  # in the exponent of the rate: 20 times as fast nothing is left soon, and steps stay short enough
 
 
 class LearnedReaction(Mechanism):
     name = "learned_reaction"
     title = "Learned reaction"
     subsystem = "thermoelectric"
-    equation = "heat = -c lambda T_ref t_ref r w, dw/dt = -r w, w = 1 at the start, r = exp(a (T/T_ref - 1))/tau"
+    equation = (
+        "heat = -c lambda T_ref t_ref r w, dw/dt = -r w, w = 1 at the start, r = exp(a (T/T_ref - 1))/tau, "
+        "at most 20/tau"
+    )
     source = (
         "a first-order reaction whose rate rises by a factor over some kelvin (Arrhenius' law over a small range; "
         "drying in the falling-rate period: Lewis, Ind. Eng. Chem. 13 (1921) 427)"
     )
-    says = "Something uses itself up the faster the hotter it is, and takes heat (as drying does) or gives it."
+    says = (
+        "Something uses itself up the faster the hotter it is, and takes heat (as drying does) or gives it; in every "
+        "recording anew."
+    )
     needs = ("thermal",)
     excited_by = "heat from the start of a recording, to different temperatures"
     learned = True
@@ -69,8 +76,13 @@ class LearnedReaction(Mechanism):
     )
     starts = ((0.0, 0.3, 2.0, 0.0, 0.0), (0.0, 0.1, 5.0, 0.0, 0.0), (0.0, 1.0, 1.0, 0.0, 0.0))
 
+    @property
+    def may_need_short_steps(self) -> bool:
+        """Far above the reference excess it is soon used up."""
+        return True
+
     def _rate(self, p: Values, view: View) -> Side:
-        over = jnp.minimum(p.acceleration * (view.temperature / p.reference_temperature - 1.0), STEEPEST)
+        over = jnp.minimum(p.acceleration * (view.temperature / p.reference_temperature - 1.0), _FASTEST)
         return jnp.exp(over) / p.time
 
     def heat(self, p: Values, view: View) -> Side:

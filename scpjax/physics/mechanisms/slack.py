@@ -20,7 +20,8 @@ class Slack(Mechanism):
         "law tendon: the sensor's side moves by x - clip(x, -g, g);  "
         "law pull: F = C T - clip(C T, -k g, k g);  corners rounded over g/50;  "
         "law toe: F = C T |C T| / (4 k g) up to C T = 2 k g, C T - k g beyond;  law cables, of a joint: "
-        "F = max(C T - k (x + g), 0) in place of C T - k x, for each side, rounded over k g/50"
+        "F = max(C T - k (x + g), 0) in place of C T - k x, for each side, rounded over k g/50; what "
+        "else pushes still does"
     )
     source = (
         "dead zone of a slack cable: Tao, Kokotovic, Adaptive Control of Systems with Actuator and Sensor "
@@ -55,6 +56,11 @@ class Slack(Mechanism):
         ),
     )
     starts = ((0.1, 0.0), (0.35, 0.0))
+
+    @property
+    def may_need_short_steps(self) -> bool:
+        """Between slack cables nothing is left of the spring, which a step takes exactly elsewhere."""
+        return True
 
     def force(self, p: Values, view: View) -> Side:
         gap = p.gap * p.reference * view.shared["stiffness"]

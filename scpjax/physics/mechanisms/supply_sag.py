@@ -67,8 +67,8 @@ class SupplySag(Mechanism):
             symbol="s",
             unit="1",
             description="share of the volts that is lost where the greatest drive is asked for (laws load), or given "
-            "for long (laws polarisation) or for the reference time (laws charge); resistance of the cell over that of "
-            "the wire (laws cell)",
+            "for long (laws polarisation) or for the reference time (laws charge; exhaustion: at the pace of the "
+            "beginning); resistance of the cell over that of the wire (laws cell)",
             typical=0.15,
             bounds=(0.003, 0.9),
             null=0.0,
@@ -110,7 +110,7 @@ class SupplySag(Mechanism):
             name="reference_time",
             symbol="t_ref",
             unit="s",
-            description="time for which the loss of laws charge is stated",
+            description="time for which the loss of laws charge and exhaustion is stated",
             typical=100.0,
             bounds=(1e-9, 1e9),
             null=100.0,
