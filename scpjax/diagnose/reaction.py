@@ -58,11 +58,11 @@ def draw_reaction(found: Reaction, every: Mapping[str, Estimate], values: Mappin
     heat, time, steep = (every[key] for key in _KEYS)
     temperature, reference = (values[f"{_NAME}.{n}"] for n in ("reference_temperature", "reference_time"))
     scale = of_base(values, "newton_cooling.conductance") * temperature * reference
-    what, unit, subsystem = WHAT["learned_heat"]
+    what, _, subsystem = WHAT["learned_heat"]
     error = f" ± {abs(heat.std * scale):.1g}" if np.isfinite(heat.std) else ""
     taken = f"{'-' * (heat.value < 0)}({abs(heat.value * scale):.3g}{error})"
     says = (
-        f"{what} = {taken} {unit} s r w, with r = exp((T - {temperature:.3g} K)/({temperature / steep.value:.3g} K)) "
+        f"{what} = {taken} J r w, with r = exp((T - {temperature:.3g} K)/({temperature / steep.value:.3g} K)) "
         f"/ ({time.value:.3g} s) and w, 1 at the start of every recording, falling at the rate r w"
     )
     terms = {key: every[key] for key in _KEYS}

@@ -139,8 +139,10 @@ def learned(d: Diagnosis, shapes: dict[str, bytes]) -> str:
         if is_law
         else f"The mechanisms named explain nearly all of the misfit; this {form} corrects the form of their laws."
         if corrects
-        else f"No mechanism of the catalogue explains it, but this {form} does better than none."
+        else f"No mechanism of the catalogue is named for it, but this {form} does better than none."
     )
+    if form == "reaction":
+        why += " It uses itself up, the faster the hotter it is: drying takes heat like that, and curing gives it."
     head = "The law" if is_law else "Correction" if corrects else "Learned, not named"
     error = "; ± is one standard error" * ("±" in c.expression)
     drawn, other = "", " or ".join(c.equivalents)

@@ -67,7 +67,7 @@ def test_heat_that_is_used_up_is_learned_in_its_units(drying):
     loss = said.model.values()["newton_cooling.conductance"]
     scale = loss * reference * said.model.values()["learned_reaction.reference_time"]
     assert joules == pytest.approx(BOUND, abs=4 * heat.std * scale)
-    assert "W s r w" in said.closure.expression
+    assert "J r w" in said.closure.expression
 
 
 def test_it_stands_in_place_of_several_names_that_it_does_better_than(drying):

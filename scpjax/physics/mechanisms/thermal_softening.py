@@ -19,7 +19,7 @@ class ThermalSoftening(Mechanism):
     equation = (
         "law linear: F = -k x (1 - a T/T_ref);  law glass transition: F = -k x (1 - a s(T)), "
         "s = (1 + tanh((T - T_g)/w))/2 less what that is at T = 0;  law exponential: F = -k x exp(-a T/T_ref);  "
-        "law WLF: F = -k x exp(-a r (1 + T_g)/max(T_g + r, 1/20)), r = T/T_ref, T_g + r at least 1/20"
+        "law WLF: F = -k x exp(-a r (1 + T_g)/max(T_g + r, 1/20)), r = T/T_ref"
     )
     source = (
         "modulus of nylon against temperature, halved through its glass transition at 40 to 60 degC: "
