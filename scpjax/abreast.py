@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import TypeVar
 
 _In = TypeVar("_In")
@@ -23,6 +24,17 @@ def abreast(function: Callable[[_In], _Out], items: Iterable[_In]) -> list[_Out]
         return [function(x) for x in todo]
     with ThreadPoolExecutor(threads) as pool:
         return list(pool.map(function, todo))
+
+
+@contextmanager
+def meanwhile(function: Callable[[], object]) -> Iterator[None]:
+    """Have something done in a thread of its own beside what is done within; both are done at the end. What it raises
+    is raised there.
+    """
+    with ThreadPoolExecutor(1) as pool:
+        done = pool.submit(function)
+        yield
+        done.result()
 
 
 def cores() -> int:

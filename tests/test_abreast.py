@@ -8,7 +8,7 @@ import pytest
 
 from scpjax import abreast as room
 from scpjax import kept
-from scpjax.abreast import abreast, cores
+from scpjax.abreast import abreast, cores, meanwhile
 from scpjax.compiled import quickly_compiled
 
 
@@ -37,6 +37,19 @@ def test_one_core_needs_no_thread(monkeypatch):
 def test_what_goes_wrong_is_told(three_cores):
     with pytest.raises(ZeroDivisionError):
         abreast(lambda x: 1 // x, [1, 0, 1])
+
+
+def test_what_is_done_meanwhile_is_done_beside_the_rest_and_at_the_end():
+    """Each waits for the other: one after the other they would wait for ever."""
+    meeting, done = threading.Barrier(2, timeout=10), []
+    with meanwhile(lambda: (meeting.wait(), done.append("beside"))):
+        meeting.wait()
+    assert done == ["beside"]
+
+
+def test_what_goes_wrong_meanwhile_is_told():
+    with pytest.raises(ZeroDivisionError), meanwhile(lambda: 1 // 0):
+        pass
 
 
 def test_there_is_a_core():

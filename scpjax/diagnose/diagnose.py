@@ -7,6 +7,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from scpjax.abreast import meanwhile
 from scpjax.diagnose.answer import answer
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.expression import in_words
@@ -29,6 +30,7 @@ from scpjax.diagnose.profiles import Limits
 from scpjax.diagnose.result import Diagnosis, Latent
 from scpjax.diagnose.rhythm import Rhythm, rhythm, ripple
 from scpjax.diagnose.rivals import Outcome, next_experiment
+from scpjax.diagnose.screen import ready
 from scpjax.diagnose.select import Choice, Progress
 from scpjax.diagnose.swing import Swing, swinging
 from scpjax.diagnose.trials import State, grown
@@ -80,7 +82,8 @@ def diagnose(
     there = what_there_is(setup.structure, setup.recordings)
     catalogue = grown(setup, *(m for m in left_out() if applicable(m, there)))
     tell("fitting the base model", 0.05)
-    parts, base, notes = _base(setup)
+    with meanwhile(lambda: None if setup.structure.system else ready(catalogue)):
+        parts, base, notes = _base(setup)
     rules, steps = options.evidence, options.max_steps
     found = find_names(base, parts, catalogue, rules, max_steps=steps, patience=patience, progress=tell)
     parts, base = found.parts, found.base

@@ -91,6 +91,13 @@ def _simulated(starts: Sequence[Start], split: Split, catalogue: Setup) -> tuple
     return flat, np.any(np.abs(flat) >= CEILING, axis=1)
 
 
+def ready(catalogue: Setup) -> None:
+    """Have the program that simulates candidates loaded or compiled, which takes longest of all when it is new."""
+    residuals_at(
+        catalogue.starts[0][None], np.zeros((1, len(catalogue.structure.mechanisms))), catalogue.data, catalogue.space
+    )
+
+
 @dataclass(frozen=True)
 class Fresh:
     """What promises most beside the base parameters that the data first suggested, and where its fit may begin."""
@@ -173,7 +180,9 @@ def fit_promising(
     most = _LATER if state.names else _AT_MOST
     excess = max(state.cost - float(split.is_train.sum()), 0.0)
     worth = promising(promises)
-    _compiled([p.mechanism for p in worth[: _LATER if state.names else _AT_LEAST]], state, split)
+    least = _LATER if state.names else _AT_LEAST
+    sure = [p.mechanism for i, p in enumerate(worth) if i < least or p.gain >= _FAR_BEHIND * promises[0].gain]
+    _compiled(sure[:_LATER], state, split)
     worth = worth[:most] + [p for p in promises if _is(p, begun)] + worth[most : 2 * most]
     for i, promise in enumerate(worth):
         if fits.explained and promise.gain < _FAR_BEHIND * promises[0].gain:

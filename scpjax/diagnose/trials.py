@@ -94,8 +94,9 @@ def moving_parameters(setup: Setup, laws: np.ndarray) -> np.ndarray:
 def width(setup: Setup) -> int:
     """Places enough for any laws of the mechanisms in the model."""
     s = setup.structure
-    mine = {m.name for m in s.mechanisms if not (m.is_base or m.learned)}
-    return int(setup.base_active.sum()) + sum(x.mechanism in mine and not x.parameter.fixed for x in s.slots)
+    mine = [m for m in s.mechanisms if not (m.is_base or m.learned)]
+    widest = (max(s.count_free(m.name, law) for law in range(len(m.laws))) for m in mine)
+    return int(setup.base_active.sum()) + sum(widest)
 
 
 def trial_at(setup: Setup, value: np.ndarray, laws: np.ndarray) -> Trial:

@@ -163,7 +163,7 @@ def make_room() -> None:
             trim(0)
 
 
-_FORWARD = 40  # simulations in one call, side by side
+_FORWARD = 16  # simulations in one call, side by side
 
 
 def residuals_at(values: np.ndarray, laws: np.ndarray, data: Data, space: Space) -> np.ndarray:

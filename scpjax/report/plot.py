@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -39,15 +38,14 @@ def envelope(x: np.ndarray, y: np.ndarray, points: int = _POINTS) -> tuple[np.nd
     if n <= points:
         return x, y
     edges = np.linspace(0, n, points // 2 + 1).astype(int)
-    keep: list[int] = []
-    for a, b in itertools.pairwise(edges):
-        part = y[a:b]
-        if np.all(np.isnan(part)):
-            keep.append(a)
-            continue
-        ends = {a + int(np.nanargmin(part)), a + int(np.nanargmax(part))}
-        keep += sorted(ends)
-    index = np.array(keep)
+    wide = int(np.max(np.diff(edges)))
+    at = np.minimum(edges[:-1, None] + np.arange(wide), edges[1:, None] - 1)  # of each stretch, its last one repeated
+    part = y[at]
+    low, high = (
+        np.take_along_axis(at, np.argmin(np.where(np.isnan(part), np.inf, sign * part), axis=1)[:, None], axis=1)
+        for sign in (1.0, -1.0)
+    )
+    index = np.unique(np.concatenate([low, high]))
     return x[index], y[index]
 
 

@@ -1,0 +1,27 @@
+"""Every law of a mechanism has room for what it moves, and none for what only other laws do."""
+
+import numpy as np
+import pytest
+from creeping import slow
+
+from scpjax.diagnose.trials import grown, moving_parameters, trial_at, width
+from scpjax.fit.setup import prepare
+from scpjax.physics.catalogue import mechanism
+
+
+@pytest.mark.parametrize("names", [("creep",), ("nonlinear_stiffness",), ("creep", "nonlinear_stiffness")])
+def test_as_many_places_as_the_widest_law_needs(names):
+    problem = grown(prepare([slow()]), *(mechanism(n) for n in names))
+    idle, places, widest = problem.space.size, width(problem), 0
+    for law in range(max(len(mechanism(n).laws) for n in names)):
+        laws = np.zeros(len(problem.structure.mechanisms))
+        for i, m in enumerate(problem.structure.mechanisms):
+            laws[i] = min(law, len(m.laws) - 1)
+        moves = np.flatnonzero(moving_parameters(problem, laws))
+        index = np.asarray(trial_at(problem, np.asarray(problem.starts[0]), laws).index)
+        assert len(index) == places
+        np.testing.assert_array_equal(index[: len(moves)], moves)
+        assert np.all(index[len(moves) :] == idle)
+        widest = max(widest, len(moves))
+    if len(names) == 1:
+        assert widest == places
