@@ -78,7 +78,7 @@ def answer(
     most = learned is not None and takes_most(base, learned.state, parts)
     subsystem = swing.subsystem if swing else _subsystem(choice, closure if most else None, lacking)
     left = level(replace(state, residual=residual_on(final, fine.whole, problem)), parts)
-    verdict, says = _verdict(base, choice.state, state, parts, named, closure, left)
+    verdict, says = _verdict(base, choice, state, parts, named, closure, left)
     if swing:
         says += f" {swing.says}"
     named = tuple(replace(m, probability=m.probability * TRUSTED[verdict]) for m in named)
@@ -270,15 +270,16 @@ def _subsystem(choice: Choice, closure: Closure | None, lacking: Sequence[Latent
 
 def _verdict(
     base: State,
-    state: State,
+    choice: Choice,
     final: State,
     parts: Split,
     named: tuple[Named, ...],
     closure: Closure | None,
     left: float,
 ) -> tuple[Verdict, str]:
-    """``state`` holds what is named, ``final`` the closure as well, if there is one; ``left`` is the misfit in units of
-    the noise when that is fitted to all data."""
+    """``choice.state`` holds what is named, ``final`` the closure as well, if there is one; ``left`` is the misfit in
+    units of the noise when that is fitted to all data."""
+    state = choice.state
     ratio = level(state, parts)
     names = " and ".join(m.title[0].lower() + m.title[1:] for m in named)
     as_well = f" ({' or '.join(closure.equivalents)} would do as well here)" if closure and closure.equivalents else ""
@@ -290,6 +291,12 @@ def _verdict(
         if left <= AT_NOISE:
             return "explained", f"{said}. With it the misfit is down to the noise."
         return "unexplained", f"{said}; but the misfit is still {left:.1f} times the noise."
+    if closure and choice.outdone:
+        return (
+            "unexplained",
+            f"Something is missing (the misfit is {ratio:.1f} times the noise), which what was learned explains better "
+            f"than {' with '.join(choice.given_up[0])} of the catalogue: {closure.expression}{as_well}.",
+        )
     if not named:
         return (
             "unexplained",

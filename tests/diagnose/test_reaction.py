@@ -80,6 +80,11 @@ def test_it_stands_in_place_of_several_names_that_it_does_better_than(drying):
         "nearest in the catalogue: nonlinear_heat_loss with sensor_drift; not named, for what was learned in their "
         "place explains the same, and better",
     )
+    binned, lacking = lacking_in(base, parts)
+    said = answer(parts, base, choice, learned, binned, lacking, notes=(), seconds=0.0, settings={})
+    assert said.verdict == "unexplained"
+    assert "explains better than nonlinear_heat_loss with sensor_drift of the catalogue: " in said.says
+    assert "no mechanism of the catalogue explains" not in said.says
 
 
 def test_names_stay_where_nothing_is_used_up():
