@@ -47,8 +47,6 @@ def start() -> None:
     from scpjax.kept import keep_in
 
     jax.config.update("jax_enable_x64", True)
-    # a thread that asks for something computes it itself: XLA's own threads now and then took turns where two had asked
-    jax.config.update("jax_cpu_enable_async_dispatch", False)
     folder = cache_folder()
     keep_in(folder)
     if folder is None or getattr(jax.config, "jax_compilation_cache_dir", None):

@@ -294,8 +294,8 @@ def _verdict(
     if closure and choice.outdone:
         return (
             "unexplained",
-            f"Something is missing (the misfit is {ratio:.1f} times the noise), which what was learned explains better "
-            f"than {' with '.join(choice.given_up[0])} of the catalogue: {closure.expression}{as_well}.",
+            f"Something is missing (the misfit is {ratio:.1f} times the noise). What was learned for it explains it "
+            f"better than {' with '.join(choice.given_up[0])} would: {closure.expression}{as_well}.",
         )
     if not named:
         return (

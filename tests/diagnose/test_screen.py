@@ -5,10 +5,12 @@ import numpy as np
 from diagnose.creeping import AMBIENT, BASE
 
 from scpjax.diagnose.holdout import Split, split
-from scpjax.diagnose.screen import fresh
+from scpjax.diagnose.screen import fresh, ready, screen
 from scpjax.diagnose.trials import State, from_their_starts, grown, residual_on
+from scpjax.fit import solve
 from scpjax.fit.fit import best_start, refine
 from scpjax.fit.setup import Setup, prepare
+from scpjax.kept import key_of
 from scpjax.physics.catalogue import mechanism
 from scpjax.physics.model import Model
 from scpjax.physics.presets import structure
@@ -55,6 +57,19 @@ def test_nothing_is_begun_anew_where_nothing_sticks():
     state, parts, catalogue = hypothesis(0.001)
     found = fresh(state, parts, catalogue, TRIED)
     assert found is None or found.mechanism.name != "friction"
+
+
+def test_the_program_made_ready_is_the_one_that_screens(monkeypatch):
+    """A program of other shapes would be compiled in vain."""
+    state, parts, catalogue = hypothesis(0.4)
+    asked, forward = [], solve._forward
+    monkeypatch.setattr(solve, "_forward", lambda *args: (asked.append(key_of(forward, args)), forward(*args))[1])
+    ready(catalogue)
+    assert len(asked) == 1
+    screen(state, parts, catalogue, TRIED)
+    assert len(asked) > 1
+    assert set(asked) == {asked[0]}
+    assert asked[0] is not None
 
 
 def test_a_fit_may_begin_with_the_base_and_every_mechanism_at_their_starts():
