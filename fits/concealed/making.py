@@ -16,7 +16,7 @@ from fits.concealed.effects.registry import kind_of
 from fits.concealed.plants import FULL_DRIVE, Plant, draw_plant
 from fits.concealed.recorder import columns, record
 from fits.concealed.strength import BaseFit, base_fit, calibrate
-from fits.concealed.system import simulate
+from fits.concealed.system import IntegrationError, simulate
 
 TRUTH = "truth.json"
 SEEN = 1.2  # misfit over noise below which an effect cannot be expected to be seen
@@ -49,7 +49,10 @@ class Maker:
     def _set(self, effect: Effect, wanted: float) -> None:
         def misfit(strength: float) -> float:
             effect.strength = strength
-            return self._fit([effect]).worst
+            try:
+                return self._fit([effect]).worst
+            except IntegrationError:  # so strong that the equations have become too stiff
+                return float("inf")
 
         strength, reached = calibrate(misfit, wanted, effect.first_guess, effect.most)
         effect.strength = strength

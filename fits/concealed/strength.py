@@ -120,16 +120,24 @@ def _project(matrix: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return wanted - matrix @ np.linalg.lstsq(matrix, wanted, rcond=None)[0]
 
 
+_TRIALS = 7
+
+
 def calibrate(misfit: Callable[[float], float], wanted: float, guess: float, most: float) -> tuple[float, float]:
     """(strength, misfit) at which the misfit is near ``wanted``; at ``most`` where it is not reached.
 
-    The part of the misfit that is not noise is about proportional to a power of the strength.
+    The part of the misfit that is not noise is about proportional to a power of the strength. An infinite misfit (there
+    was no simulating it) is as far as the strength may go.
     """
     aim = np.sqrt(wanted**2 - 1)
     tried: list[tuple[float, float]] = []
     strength = guess
-    for _ in range(7):
-        tried.append((strength, misfit(strength)))
+    for _ in range(_TRIALS):
+        found = misfit(strength)
+        if not np.isfinite(found):
+            strength = np.sqrt(strength * tried[-1][0]) if tried else strength / 4
+            continue
+        tried.append((strength, found))
         reached = [float(np.sqrt(max(m**2 - 1, 1e-6))) for _, m in tried]
         if abs(reached[-1] / aim - 1) < 0.12 or (strength >= most and reached[-1] < aim):
             break
@@ -139,5 +147,7 @@ def calibrate(misfit: Callable[[float], float], wanted: float, guess: float, mos
             power = float(np.clip(power, 0.4, 3.0))
         strength = float(np.clip(strength * (aim / reached[-1]) ** (1 / power), strength / 8, strength * 8))
         strength = min(strength, most)
+    if not tried:
+        raise ValueError(f"no misfit at any strength from {guess:g} down to {strength:g}")
     best = min(tried, key=lambda t: abs(np.log(np.sqrt(max(t[1] ** 2 - 1, 1e-6)) / aim)))
     return float(f"{best[0]:.4g}"), best[1]

@@ -242,6 +242,20 @@ def test_strength_is_found_for_a_misfit():
     assert calibrate(lambda s: 1.0 + s, 30.0, 1.0, 2.0) == (2.0, 3.0)
 
 
+def test_a_strength_that_cannot_be_simulated_is_too_strong():
+    def misfit(s: float) -> float:
+        return float(np.sqrt(1 + (4 * s) ** 2)) if s < 1.2 else float("inf")
+
+    strength, reached = calibrate(misfit, 9.0, 1.0, 10.0)  # asks for 2.24
+    assert 1.0 <= strength < 1.2
+    assert reached == pytest.approx(misfit(strength), rel=1e-3)
+    strength, reached = calibrate(misfit, 4.0, 8.0, 10.0)  # begins too far
+    assert strength == pytest.approx(np.sqrt(15) / 4, rel=0.12)
+    assert reached == pytest.approx(misfit(strength), rel=1e-3)
+    with pytest.raises(ValueError, match="no misfit at any strength"):
+        calibrate(lambda s: float("inf"), 4.0, 1.0, 10.0)
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory) -> tuple[Path, Case]:
     case = next(c for c in plan() if c.sort == "null" and c.kind == "te" and c.mess == ("warm", "skipped", "outliers"))
