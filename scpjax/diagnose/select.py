@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
 from scipy.special import expit
 
 from scpjax.abreast import abreast
@@ -22,6 +23,7 @@ Progress = Callable[[str, float], None]
 
 _CLOSE = 20.0  # difference of BIC (10 nats) up to which two mechanisms are close
 _BEHIND = 10.0  # difference of BIC (5 nats) from which a mechanism is behind another
+_CLEARLY = 0.9  # of the held-out misfit, that one may leave which predicts clearly better
 _SURE = 2  # rounds that are gone however long they take: without a second name a first one is often given up
 _WAYS = 2  # gone at a time
 _ATTEMPTS = 4  # names tried for them
@@ -197,21 +199,41 @@ def _tried(search: _Search, way: _Branch, round_: int, tell: Callable[[str, int]
 
 
 def _one_more(search: _Search, found: _Tried, ways: int = _WAYS) -> list[_Branch]:
-    """A branch with one mechanism more: the best one, and where that does not reach the noise one that is close. One
-    that is pruned as soon as it is fitted afresh is none.
+    """A branch with one mechanism more: the best one, and where that does not reach the noise one that predicts the
+    held-out stretches better still, or is close. One that is pruned as soon as it is fitted afresh is none.
     """
     out: list[_Branch] = []
-    first = found.accepted[0].delta_bic if found.accepted else 0.0
-    for c in () if found.ends else found.accepted[:_ATTEMPTS]:
-        if out and (len(out) == ways or first - c.delta_bic > _CLOSE or at_noise(out[0].state, search.split)):
+    first: Comparison | None = None
+    left = [] if found.ends else found.accepted[:_ATTEMPTS]
+    while left and len(out) < ways and not (out and at_noise(out[0].state, search.split)):
+        c = left[0] if first is None else _second(left, first, search.split)
+        if c is None:
             break
+        left = [o for o in left if o is not c]
         way = _named(search, found, c)
         if set(way.state.names) == set(found.way.state.names):
             continue
-        if not out:
-            first = c.delta_bic
+        first = first or c
         out.append(way)
     return out or [replace(found.way, ranking=found.ranking, ended=True)]
+
+
+def _second(among: Sequence[Comparison], first: Comparison, split: Split) -> Comparison | None:
+    """What is worth a way of its own beside the one with most evidence: what predicts the held-out stretches clearly
+    better than that, and most so; or what is close to it.
+
+    Evidence counts what was fitted. A mechanism that imitates two at once has most of it, and predicts worse than one
+    of the two.
+    """
+    best = min(among, key=lambda c: _held_out(c.state, split))
+    if _held_out(best.state, split) < _CLEARLY * _held_out(first.state, split):
+        return best
+    return next((c for c in among if first.delta_bic - c.delta_bic <= _CLOSE), None)
+
+
+def _held_out(state: State, split: Split) -> float:
+    """RMS of the held-out residuals, in units of the noise."""
+    return float(np.sqrt(np.mean(state.residual[split.is_held] ** 2)))
 
 
 def _named(search: _Search, found: _Tried, c: Comparison) -> _Branch:

@@ -25,8 +25,10 @@ class Played:
         return SimpleNamespace(structure=SimpleNamespace(own=self.own))
 
 
-def played(monkeypatch, misfits: dict[str, float]) -> list[tuple[str, ...]]:
-    """Plays a selection in which names, in the order of the alphabet, leave these misfits; what was gone on from."""
+def played(monkeypatch, misfits: dict[str, float], held_out: dict[str, float] | None = None) -> list[tuple[str, ...]]:
+    """Plays a selection in which names, in the order of the alphabet, leave these misfits, and the same or others of
+    what is held out; what was gone on from.
+    """
     asked: list[tuple[str, ...]] = []
 
     def with_one_more(state, split, rules, catalogue, *, max_steps, tell):
@@ -42,6 +44,8 @@ def played(monkeypatch, misfits: dict[str, float]) -> list[tuple[str, ...]]:
         return sorted(found, key=lambda c: -c.delta_bic)
 
     monkeypatch.setattr(select, "try_all", with_one_more)
+    left = held_out or {}
+    monkeypatch.setattr(select, "_held_out", lambda state, split: left.get("".join(sorted(state.names)), 1.0))
     monkeypatch.setattr(select, "own_room", lambda *_: None)
     monkeypatch.setattr(select, "released", lambda *_: None)
     monkeypatch.setattr(select, "afresh", lambda state, split: state)
@@ -94,6 +98,15 @@ def test_where_one_is_far_ahead_only_it_is_followed(monkeypatch):
     asked = played(monkeypatch, {"a": 500.0, "b": 530.0, "ac": 1.0, "bc": 0.5})
     assert chosen() == {"a", "c"}
     assert ("b",) not in asked
+
+
+@pytest.mark.parametrize(("better", "wanted"), [(0.95, {"a", "c"}), (0.8, {"b", "c"})])
+def test_what_predicts_clearly_better_is_followed_as_well(monkeypatch, better, wanted):
+    """However far it is behind in evidence, and though another one is closer."""
+    misfits = {"a": 500.0, "b": 600.0, "d": 510.0, "ac": 1.0, "bc": 0.5, "cd": 1.0}
+    asked = played(monkeypatch, misfits, {"a": 1.0, "b": better, "d": 0.99})
+    assert chosen() == wanted
+    assert asked == [(), ("a",), ("b",) if better < 0.9 else ("d",)]
 
 
 def test_what_is_pruned_as_soon_as_it_is_named_leaves_its_place_to_the_next(monkeypatch):
