@@ -121,7 +121,7 @@ def _in_units(
     if isinstance(learned, Swing):
         return draw_swing(learned, every, values, doubt)
     if isinstance(learned, Reaction):
-        return draw_reaction(learned, every, values)
+        return draw_reaction(learned, every, values, doubt)
     return None if learned is None else describe(learned, every, values)
 
 

@@ -151,9 +151,14 @@ def _beyond(
         fewer, corrected = _corrected_rather_than_named(parts, base, choice, rules)
         if corrected is not None:
             return fewer, corrected
-        if level(choice.state, parts) > _NEAR_NOISE:
-            return choice, None
-        return choice, _correction(choice.state, parts, rules)
+        corrected = None if level(choice.state, parts) > _NEAR_NOISE else _correction(choice.state, parts, rules)
+        if corrected is not None and level(corrected.state, parts) <= AT_NOISE:
+            return choice, corrected
+        reaction = _one_reaction(base, choice.state, parts, rules)
+        if reaction is not None:
+            outdone = Choice(base, choice.ranking, {}, {}, outdone=True)
+            return _told_of(outdone, choice, (), base, parts), reaction
+        return choice, corrected
     alone = closure(base, parts, rules, where)
     if not choice.state.names:
         return choice, alone
@@ -231,9 +236,12 @@ def _in_place_of(base: State, state: State, parts: Split, rules: Evidence) -> Be
 
 
 def _one_reaction(base: State, state: State, parts: Split, rules: Evidence) -> Reaction | None:
-    """A reaction alone that reaches the noise and does better than several names, about the heat and its reading."""
+    """A reaction alone that reaches the noise and does better than several names, or one that does not reach it, about
+    the heat and its reading.
+    """
     acting = {state.setup.structure.mechanism(n).subsystem for n in state.names}
-    if len(state.names) < 2 or not acting <= {*_HEATED} or "thermoelectric" not in map(balance_of, acting):
+    several = len(state.names) > 1 or level(state, parts) > AT_NOISE
+    if not several or not acting <= {*_HEATED} or "thermoelectric" not in map(balance_of, acting):
         return None
     found = reacting(base, parts, rules)
     if found is None or level(found.state, parts) > AT_NOISE or not is_better(found.state, state, parts, rules):

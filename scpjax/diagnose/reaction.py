@@ -10,8 +10,9 @@ import numpy as np
 from scpjax.diagnose.evidence import Comparison, Evidence, compare
 from scpjax.diagnose.expression import WHAT, of_base
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.result import Closure
+from scpjax.diagnose.result import Closure, Drawn
 from scpjax.diagnose.trials import State, fit_leading, grown, residual_on, starts_with
+from scpjax.fit.identifiability import Uncertainty
 from scpjax.fit.result import Estimate
 from scpjax.fit.solve import make_room
 from scpjax.physics.catalogue import mechanism
@@ -20,6 +21,7 @@ _NAME = "learned_reaction"
 _KEYS = tuple(f"{_NAME}.{p}" for p in ("heat", "time", "acceleration"))
 _PLACE = "learned_heat reaction"
 _STEPS = 60
+_POINTS = 61
 
 
 @dataclass(frozen=True)
@@ -53,8 +55,12 @@ def reacting(state: State, split: Split, rules: Evidence) -> Reaction | None:
     return Reaction(after, evidence) if evidence.accepted else None
 
 
-def draw_reaction(found: Reaction, every: Mapping[str, Estimate], values: Mapping[str, float]) -> Closure:
-    """The closure as an expression with units; arguments as of `scpjax.diagnose.expression.describe`."""
+def draw_reaction(
+    found: Reaction, every: Mapping[str, Estimate], values: Mapping[str, float], doubt: Uncertainty
+) -> Closure:
+    """The closure as an expression with units, and its rate over the temperature with a 95 % band; arguments as of
+    `scpjax.diagnose.distil.draw`.
+    """
     heat, time, steep = (every[key] for key in _KEYS)
     temperature, reference = (values[f"{_NAME}.{n}"] for n in ("reference_temperature", "reference_time"))
     scale = of_base(values, "newton_cooling.conductance") * temperature * reference
@@ -62,11 +68,22 @@ def draw_reaction(found: Reaction, every: Mapping[str, Estimate], values: Mappin
     error = f" ± {abs(heat.std * scale):.1g}" if np.isfinite(heat.std) else ""
     taken = f"{'-' * (heat.value < 0)}({abs(heat.value * scale):.3g}{error})"
     says = (
-        f"{what} = {taken} J r w, with r = exp((T - {temperature:.3g} K)/({temperature / steep.value:.3g} K)) "
-        f"/ ({time.value:.3g} s) and w, 1 at the start of every recording, falling at the rate r w"
+        f"{what} = {taken} J s(T) w, with s = exp((T - {temperature:.3g} K)/({temperature / steep.value:.3g} K)) "
+        f"/ ({time.value:.3g} s) and w, 1 at the start of every recording, falling at the rate s w"
     )
-    terms = {key: every[key] for key in _KEYS}
-    evidence = found.evidence
+    below = np.linspace(-1.0, 0.0, _POINTS)  # share of the reference excess, below it
+    rate = np.exp(steep.value * below) / time.value
+    slow, fast = -rate / time.value * time.std, rate * below * steep.std  # one standard error of each
+    at = [doubt.keys.index(key) for key in _KEYS[1:]]
+    together = doubt.covariance[at[0], at[1]] / max(doubt.std_free[at[0]] * doubt.std_free[at[1]], 1e-300)
+    spread = np.sqrt(np.maximum(slow**2 + fast**2 + 2 * together * slow * fast, 0.0))
     return Closure(
-        subsystem, _PLACE, ("temperature", "history"), says, terms, evidence.held_out_gain, evidence.delta_bic
+        subsystem,
+        _PLACE,
+        ("temperature", "history"),
+        says,
+        {key: every[key] for key in _KEYS},
+        found.evidence.held_out_gain,
+        found.evidence.delta_bic,
+        Drawn("temperature", "K", "J s(T) w", "1/s", temperature * (1.0 + below), rate, spread, "", rate, 0.0),
     )

@@ -151,7 +151,8 @@ def learned(d: Diagnosis, shapes: dict[str, bytes]) -> str:
         near = f" The dashed line is the expression, with {percent(c.curve.share)} of its variation." * bool(
             c.curve.expression
         )
-        drawn = page.figure(shapes["closure"], f"The curve s that was learned, with its 95 % band.{near}")
+        what = "The rate s at which it is used up" if form == "reaction" else "The curve s that was learned"
+        drawn = page.figure(shapes["closure"], f"{what}, with its 95 % band.{near}")
     return "\n".join(
         (
             '<div class="card">',
