@@ -55,6 +55,36 @@ def test_friction_of_long_steps_is_that_of_short_ones(period, law):
         assert error < (most + 0.1 * law) * effect, (order, error / effect)
 
 
+def held_and_slipped(recording):
+    """LuGre's friction by scipy's implicit integrator: 0.2 of the spring's force, half as much again at rest."""
+    dry, fast = 0.2 * K * TRAVEL, 10 * TRAVEL / 30.0
+    z, out = np.zeros(4), [np.zeros(4)]
+    for gap, volts in zip(np.diff(recording.time), recording.inputs[:-1, 0], strict=True):
+
+        def rates(_t, z, volts=volts):
+            t, x, v, held = z
+            most = 1 + 0.5 * np.exp(-((v / fast) ** 2))
+            force = 0.022 * t - K * x - 8 * v - dry * held
+            return [(volts**2 / 1.2 - 0.14 * t) / 1.2, v, force / 0.3, (v - abs(v) * held / most) / (0.05 * TRAVEL)]
+
+        z = scipy.integrate.solve_ivp(rates, (0, gap), z, method="Radau", rtol=1e-8, atol=1e-11).y[:, -1]
+        out.append(z)
+    return np.array(out)
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_lugres_contact_holds_faster_at_rest(order):
+    recording = multilevel(duration=40.0, period=0.05, hold_s=6.0, high=3.5)
+    wanted = held_and_slipped(recording)
+    own = {"friction.static": 0.5, "friction.presliding": 0.05, "friction.velocity_time": 30.0}
+    found = rubbing(recording, 0.2, 3, order, **own)
+    dahl = rubbing(recording, 0.2, 2, order, **own)
+    effect = np.sqrt(np.mean((wanted[:, 1] - dahl[:, 1]) ** 2))
+    assert effect > 0.01 * np.max(wanted[:, 1])
+    assert np.sqrt(np.mean((wanted[:, 1] - found[:, 1]) ** 2)) < 0.05 * effect
+    assert np.max(wanted[:, 3]) > 1.3
+
+
 def test_friction_without_steps_is_the_law_itself():
     model = with_active(extended(PLANT.structure, "friction"), "friction").replace({"friction.velocity_time": 2.0})
     z = np.array([5.0, 1e-3, 0.002])

@@ -18,21 +18,23 @@ class Friction(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "F = -F_c s(v/v_s), F_c = f k x_ref, v_s = x_ref/t_s, and s, nearly tanh, by u = s + 0.1 s |s|/(1 - |s|);  "
-        "law Stribeck: F_c (1 + b / (1 + (v/(10 v_s))^2));  law Dahl: F = -F_c z, dz/dt = (v - |v| z)/(w x_ref)"
+        "law Stribeck: F_c (1 + b / (1 + (v/(10 v_s))^2));  law Dahl: F = -F_c z, dz/dt = (v - |v| z)/(w x_ref);  "
+        "law LuGre: F = -F_c z, dz/dt = (v - |v| z/(1 + b exp(-(v/(10 v_s))^2)))/(w x_ref)"
     )
     source = (
         "Coulomb and Stribeck friction: Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083; "
         "taken at the velocity of the end of a step: Kikuuwe et al., IEEE Trans. Robot. 22 (2006) 1176; a contact that "
-        "gives before it slips: Dahl, Aerospace Corp. TOR-0158 (1968), which is Duhem's hysteresis"
+        "gives before it slips: Dahl, Aerospace Corp. TOR-0158 (1968), which is Duhem's hysteresis; and holds faster at "
+        "rest: Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automat. Contr. 40 (1995) 419"
     )
     says = "The load sticks until the pull exceeds the friction, then slides: it always lags behind."
     needs = ("mechanical",)
     excited_by = "slow reversals"
-    laws = ("Coulomb", "Stribeck", "Dahl")
+    laws = ("Coulomb", "Stribeck", "Dahl", "LuGre")
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {
-        "velocity_time": (0, 1),
-        "static": (1,),
-        "presliding": (2,),
+        "velocity_time": (0, 1, 3),
+        "static": (1, 3),
+        "presliding": (2, 3),
     }
     states = ("presliding_stretch",)
     parameters = (
@@ -61,7 +63,7 @@ class Friction(Mechanism):
             name="static",
             symbol="b",
             unit="1",
-            description="extra friction at rest, as a share of that when sliding (law Stribeck)",
+            description="extra friction at rest, as a share of that when sliding (laws Stribeck and LuGre)",
             typical=0.3,
             bounds=(0.01, 5.0),
             null=0.3,
@@ -72,7 +74,7 @@ class Friction(Mechanism):
             symbol="w",
             unit="1",
             description="displacement over which the contact gives before it slips, as a share of the reference "
-            "displacement (law Dahl)",
+            "displacement (laws Dahl and LuGre)",
             typical=0.03,
             bounds=(0.001, 1.0),
             null=0.03,
@@ -92,20 +94,28 @@ class Friction(Mechanism):
     starts = ((0.05, 30.0, 0.3, 0.03, 0.0), (0.2, 30.0, 0.3, 0.1, 0.0))
 
     def force(self, p: Values, view: View) -> Side:
-        given = p.strength * view.shared["stiffness"] * p.reference * jnp.clip(view.own[0], -OVER, OVER)
-        return jnp.where(p.law == 2, -given, 0.0)
+        most = OVER * self._most(p)
+        given = p.strength * view.shared["stiffness"] * p.reference * jnp.clip(view.own[0], -most, most)
+        return jnp.where(p.law > 1, -given, 0.0)
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
-        rate = view.velocity / (p.presliding * p.reference)
+        rate, most = view.velocity / (p.presliding * p.reference), self._most(p)
+        past = view.velocity * p.velocity_time / (FASTER * p.reference)
+        slips = 1.0 + (most - 1.0) * jnp.exp(-jnp.square(past))
         # under other laws, and left out, the contact rests: a step might be too long for it
-        gives = (p.law == 2) & (p.strength > 0)
-        return (jnp.where(gives, rate - jnp.abs(rate) * jnp.clip(view.own[0], -OVER, OVER), 0.0),)
+        gives = (p.law > 1) & (p.strength > 0)
+        stretched = jnp.clip(view.own[0] / slips, -OVER * most, OVER * most)
+        return (jnp.where(gives, rate - jnp.abs(rate) * stretched, 0.0),)
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
-        """What holds it beside its equilibrium, if it begins there (law Dahl)."""
-        most = jnp.maximum(p.strength, 1e-9) * p.reference  # m, that it could hold
-        held = jnp.where(p.law == 2, jnp.clip(-view.displaced / most, -1.0, 1.0), 0.0)
+        """What holds it beside its equilibrium, if it begins there (laws Dahl and LuGre)."""
+        reach, most = jnp.maximum(p.strength, 1e-9) * p.reference, self._most(p)  # m, that it could hold
+        held = jnp.where(p.law > 1, jnp.clip(-view.displaced / reach, -most, most), 0.0)
         return (held * jnp.ones_like(view.displacement),)
+
+    def _most(self, p: Values) -> Side:
+        """The greatest stretch of a contact that gives, in units of that at which it slips when sliding."""
+        return jnp.where(p.law == 3, 1.0 + p.static, 1.0)
 
     def resistance(self, p: Values, view: View, force: Side) -> Side:
         """At the velocity u of a step's end, as if ``m (u - v)/step = force - damping (u - v)/2 + friction(u)``.
@@ -116,7 +126,7 @@ class Friction(Mechanism):
         """
         step, still = view.step, jnp.ones_like(view.velocity)
         slow = p.reference / p.velocity_time
-        dry = jnp.where(p.law == 2, 0.0, p.strength * view.shared["stiffness"] * p.reference)
+        dry = jnp.where(p.law > 1, 0.0, p.strength * view.shared["stiffness"] * p.reference)
         past = view.velocity / (FASTER * slow)
         dry = jnp.where(p.law == 1, dry * (1.0 + p.static / (1.0 + past * past)), dry)
         damping, stiffness = (jnp.sum(view.shared[name] * still) for name in ("damping", "stiffness"))
