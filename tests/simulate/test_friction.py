@@ -82,7 +82,7 @@ def test_lugres_contact_holds_faster_at_rest(order):
     effect = np.sqrt(np.mean((wanted[:, 1] - dahl[:, 1]) ** 2))
     assert effect > 0.01 * np.max(wanted[:, 1])
     assert np.sqrt(np.mean((wanted[:, 1] - found[:, 1]) ** 2)) < 0.05 * effect
-    assert np.max(wanted[:, 3]) > 1.3
+    assert np.max(wanted[:, 3]) > 1.05  # than it ever is under Dahl's law
 
 
 def test_friction_without_steps_is_the_law_itself():

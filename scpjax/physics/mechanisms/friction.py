@@ -24,8 +24,8 @@ class Friction(Mechanism):
     source = (
         "Coulomb and Stribeck friction: Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083; "
         "taken at the velocity of the end of a step: Kikuuwe et al., IEEE Trans. Robot. 22 (2006) 1176; a contact that "
-        "gives before it slips: Dahl, Aerospace Corp. TOR-0158 (1968), which is Duhem's hysteresis; and holds faster at "
-        "rest: Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automat. Contr. 40 (1995) 419"
+        "gives before it slips: Dahl, Aerospace Corp. TOR-0158 (1968), which is Duhem's hysteresis; and holds faster "
+        "at rest: Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automat. Contr. 40 (1995) 419"
     )
     says = "The load sticks until the pull exceeds the friction, then slides: it always lags behind."
     needs = ("mechanical",)
