@@ -5,6 +5,9 @@ more than the noise of a thermometer. The share of the gap that passed before th
 outputs did afterwards, beside the parameters, by Gauss-Newton steps on pre-whitened residuals (so that physics that
 the model leaves out, which is slow, does not pass for a mistimed jump). Where no output may be looked at, in a
 prediction, the drive is what it is on average over all shares.
+
+A drive that was on its way before the gap or after it (a ramp, a sine) goes on smoothly within, by Hermite's cubic with
+the slopes at both ends; by how much it bulges beside that is estimated in place of a time.
 """
 
 from __future__ import annotations
@@ -24,18 +27,40 @@ from scpjax.recordings.recording import Recording
 from scpjax.simulate.drive import SQUARED, grid_of
 
 PRIOR = 0.29  # standard deviation of a share that may be anything from 0 to 1
+_ALIKE = 3.0  # ratio of two successive changes of a drive, up to which it is on its way
+_BULGE = (
+    0.125  # of a gap's length by the slopes at its ends: how far, at most in its middle, a drive may leave the cubic
+)
 _CLOCK = 0.8  # of the samples of a clock that skips some follow the one before after its period
 
 
 @dataclass(frozen=True)
 class Gap:
-    """Nodes ``start`` to ``end`` of recording ``recording``, between which the effort went ``before`` to ``after``."""
+    """Nodes ``start`` to ``end`` of recording ``recording``, between which the effort went ``before`` to ``after``
+    (s,); ``slopes`` (2, s) [per node] at these ends, of drives that were on their way, 0 of both ends where one jumps.
+    """
 
     recording: int
     start: int
     end: int
     before: np.ndarray
     after: np.ndarray
+    slopes: np.ndarray | None = None
+
+    def course(self, share: float) -> np.ndarray:
+        """Effort (end - start, s) of the steps within: of drives that jump, before and after that share of the gap;
+        of those on their way, of the cubic with a bulge of (share - 1/2)/`PRIOR` standard deviations.
+        """
+        cells, length = np.arange(self.end - self.start)[:, None], self.end - self.start
+        old = np.clip(share * length - cells, 0.0, 1.0)
+        jumps = old * self.before + (1 - old) * self.after
+        if self.slopes is None:
+            return jumps
+        bulge = 4.0 * _BULGE * length * np.sum(np.abs(self.slopes), axis=0) * (share - 0.5) / PRIOR
+        q = cells / length
+        smooth = cubic(q, self.before, self.after, length * self.slopes) + bulge * q * (1.0 - q)
+        lowest = np.minimum(np.minimum(self.before, self.after), 0.0)
+        return np.where(np.any(self.slopes != 0, axis=0), np.maximum(smooth, lowest), jumps)
 
 
 def find_gaps(data: Data) -> tuple[Gap, ...]:
@@ -55,19 +80,43 @@ def find_gaps(data: Data) -> tuple[Gap, ...]:
             if b >= effort.shape[1]:
                 continue
             before, after = effort[i, a, 0], effort[i, b, 0]
-            if np.any(np.abs(after - before) > 1e-9 * np.max(np.abs(effort[i]))):
-                found.append(Gap(i, a, b, before, after))
+            slopes = np.stack([slopes_at(nodes, effort[i, :, 0, j], int(k)) for j in range(effort.shape[3])], axis=1)
+            least = 1e-9 * np.max(np.abs(effort[i]))
+            if np.any(np.abs(after - before) > least) or np.any(np.abs(slopes) > least):
+                found.append(Gap(i, a, b, before, after, slopes if np.any(slopes) else None))
     return tuple(found)
 
 
+def slopes_at(nodes: np.ndarray, values: np.ndarray, k: int) -> tuple[float, float]:
+    """Slopes per node of a drive before and after the gap that follows the k-th sample; ``nodes`` (n,) of the samples,
+    ``values`` by node. Both 0 unless it was on its way on one side, by two successive changes that are alike, and that
+    or at rest on the other.
+    """
+    found = []
+    for three in (nodes[max(k - 2, 0) : k + 1], nodes[k + 1 : k + 4]):
+        inside = three[three < len(values)]
+        if len(inside) < 3:
+            return 0.0, 0.0
+        first, second = np.diff(values[inside]) / np.diff(inside)
+        alike = first * second > 0 and 1 / _ALIKE < first / second < _ALIKE
+        if not alike and (first != 0 or second != 0):
+            return 0.0, 0.0
+        found.append(float(second if len(found) == 0 else first))
+    return found[0], found[1]
+
+
+def cubic(q: np.ndarray, before: np.ndarray, after: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """Hermite's cubic at ``q`` from 0 to 1 between two values, with the slopes (2, ...) there by q."""
+    p = 1.0 - q
+    return p * p * ((1 + 2 * q) * before + q * slopes[0]) + q * q * ((1 + 2 * p) * after - p * slopes[1])
+
+
 def fill(effort: np.ndarray, gaps: tuple[Gap, ...], shares: np.ndarray) -> np.ndarray:
-    """Effort (r, steps, 3, s) with the drive of each gap changing after its share of the gap."""
+    """Effort (r, steps, 3, s) with the drive of each gap changing after its share of the gap, or as `Gap.course` has
+    it."""
     out = np.array(effort)
     for gap, share in zip(gaps, shares, strict=True):
-        change = gap.start + share * (gap.end - gap.start)
-        cells = np.arange(gap.start, gap.end)
-        old = np.clip(change - cells, 0.0, 1.0)[:, None, None]
-        out[gap.recording, cells] = old * gap.before + (1 - old) * gap.after
+        out[gap.recording, gap.start : gap.end] = gap.course(float(share))[:, None, :]
     return out
 
 
@@ -76,7 +125,8 @@ def bridged(recording: Recording, drive: DriveKind) -> tuple[Recording, np.ndarr
     ``drive`` is what kind its inputs are of.
 
     The effort at these goes from that before the gap to that after it along a line: the mean of one that changes at any
-    tick between, each as likely. Recordings that are not held, or have no such clock, are given as they are.
+    tick between, each as likely. That of a drive on its way goes on smoothly (`slopes_at`). Recordings that are not
+    held, or have no such clock, are given as they are.
     """
     time, there = np.asarray(recording.time), np.arange(len(recording.time))
     _, _, at, fraction = grid_of(time)
@@ -88,8 +138,22 @@ def bridged(recording: Recording, drive: DriveKind) -> tuple[Recording, np.ndarr
     inputs = np.empty((len(ticks), recording.inputs.shape[1]))
     for j, values in enumerate(np.asarray(recording.inputs).T):
         squared = drive in SQUARED and bool(np.all(values >= 0))
-        inputs[:, j] = np.sqrt(np.interp(ticks, at, values**2)) if squared else np.interp(ticks, at, values)
+        inputs[:, j] = np.sqrt(_bridge(at, values**2)) if squared else _bridge(at, values)
     return recording.with_samples(np.interp(ticks, at, time), inputs, outputs, None), at
+
+
+def _bridge(at: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values at every tick from those at the ticks ``at``."""
+    out = np.interp(np.arange(at[-1] + 1), at, values)
+    by_tick = out.copy()
+    for k in np.flatnonzero(np.diff(at) > 1):
+        slopes = np.array(slopes_at(at, by_tick, int(k)))
+        if np.any(slopes != 0):
+            a, b = int(at[k]), int(at[k + 1])
+            inside = np.arange(a + 1, b)
+            smooth = cubic((inside - a) / (b - a), values[k], values[k + 1], (b - a) * slopes)
+            out[inside] = np.maximum(smooth, min(values[k], values[k + 1], 0.0))
+    return out
 
 
 @quickly_compiled

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from scpjax.fit.fit import best_start, fit, refine, settle
-from scpjax.fit.gaps import Gap, bridged, fill, find_gaps, improve
+from scpjax.fit.gaps import Gap, bridged, fill, find_gaps, improve, slopes_at
 from scpjax.fit.predict import predict
 from scpjax.fit.setup import prepare
+from scpjax.fit.solve import outputs_of
 from scpjax.physics.presets import te
 from scpjax.recordings.recording import Metadata, Recording
 from scpjax.simulate.simulate import simulate
@@ -93,3 +94,45 @@ def test_only_what_a_clock_skipped_is_bridged():
     np.testing.assert_allclose(full.inputs[there], skipped.inputs)
     np.testing.assert_allclose(full.time, PERIOD * TICKS, atol=1e-9)
     np.testing.assert_allclose(full.weights[[100, 101, 500]], 0.0)
+
+
+def test_a_drive_on_its_way_is_told_from_one_that_jumps():
+    values = np.array([0, 0, 0, 1, 2, 3, 9, 9, 9, 3, 2, 1, 1, 1, 5], float)
+    nodes = np.delete(np.arange(15), [6, 7])
+    assert slopes_at(nodes, values, 5) == (0.0, 0.0)  # up, and then a jump
+    values[6:10] = 3.5, 4, 3.5, 3
+    assert slopes_at(nodes, values, 5) == (1.0, -0.5)
+    values[3:6] = 0.0, 3.0, 3.0
+    assert slopes_at(nodes, values, 5) == (0.0, 0.0)  # it jumped just before
+    values[:6] = 3.0
+    assert slopes_at(nodes, values, 5) == (0.0, -0.5)
+    assert slopes_at(nodes, values, 1) == (0.0, 0.0)  # at rest
+    assert slopes_at(nodes, values, 12) == (0.0, 0.0)  # nothing after it
+
+
+@pytest.mark.parametrize("shape", ["triangle", "sine"])
+def test_a_drive_that_turned_round_in_a_long_gap_leaves_no_misfit(shape):
+    """Three seconds are missing at each crest: between the ends of each the drive was higher than at either."""
+    crests = [410, 810, 1210]
+    missing = [t for c in crests for t in range(c - 37, c + 24)]
+    phase = TICKS / 400
+    up = 2 * np.abs(phase - np.round(phase)) if shape == "triangle" else 0.5 - 0.5 * np.cos(2 * np.pi * phase)
+    recording = recorded(3.0 * np.roll(up, 210), missing)
+    setup = prepare([recording])
+    trial, _, _ = best_start(setup, setup.data)
+    assert [(g.start, g.end) for g in find_gaps(setup.data)] == [(c - 38, c + 24) for c in crests]
+    trial, data, notes = settle(setup, trial, setup.data)
+    assert "3 gaps" in notes[0]
+    error = np.asarray(outputs_of(trial, data, setup.space) - data.outputs)[0, : recording.n, 0]
+    assert np.sqrt(np.mean(error**2)) < 1.1 * NOISE
+    after = np.searchsorted(recording.time, PERIOD * np.array([c + 24 for c in crests]))
+    for k in after:
+        assert abs(np.mean(error[k : k + 10])) < 0.6 * NOISE
+    found = fit([recording]).model
+    assert float(found.value("newton_cooling.conductance")) == pytest.approx(0.06, rel=0.01)
+    _, said = predict(HEATER, recording)  # where nothing is estimated: the crest is about right
+    line = np.interp(TICKS, np.setdiff1d(TICKS, missing), 1.0 * recording.inputs[:, 0] ** 2) ** 0.5
+    exact, lower = (np.asarray(simulate(HEATER, recorded(v, [])).outputs)[:, 0] for v in (3.0 * np.roll(up, 210), line))
+    kept = np.setdiff1d(TICKS, missing)
+    off = [np.sqrt(np.mean((y - exact[kept]) ** 2)) for y in (said["temperature_degC"] + 273.15, lower[kept])]
+    assert off[0] < 0.5 * off[1]
