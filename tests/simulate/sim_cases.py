@@ -83,6 +83,7 @@ ACTIVE = {
     "sensor_drift": {
         "drift": 0.5,
         "time_constant": 2.0,
+        "exponent": 1.6,
         "reference": 0.0025,
         "reference_temperature": 20.0,
         "reference_time": 6.0,

@@ -120,7 +120,7 @@ TERMS = {
     "slack": (slack, 3),
     "fatigue": (tiring, 6),
     "antagonist_load": (pulled_back, (0, 1, 2, 6)),
-    "sensor_drift": (drifting_sensor, 6),
+    "sensor_drift": (drifting_sensor, 8),
 }
 EACH = [(n, law) for n, (_, laws) in TERMS.items() for law in (range(laws) if isinstance(laws, int) else laws)]
 
@@ -146,7 +146,8 @@ def test_added_term_is_its_equation(case):
         moved -= (HOOK(moved + 5e-4, 1e-5) - HOOK(moved - 5e-4, 1e-5)) / 2
     if name == "sensor_drift":
         shape = 1 - np.exp(-recording.time / 2) if law in (2, 3) else recording.time / 6
-        far, hot = (moved, wanted[:, 0]) if law > 3 else (0.0025, 20)
+        shape = (recording.time / 6) ** 1.6 if law > 5 else shape
+        far, hot = (moved, wanted[:, 0]) if law in (4, 5) else (0.0025, 20)
         moved, warm = (moved + 0.5 * far * shape, warm) if law % 2 == 0 else (moved, warm + 0.5 * hot * shape)
     np.testing.assert_allclose(found.outputs[:, 0], warm, rtol=1e-6)
     assert worst(found.outputs[:, 1], moved) < (5e-3 if stops else near_outputs)

@@ -7,6 +7,8 @@ import jax.numpy as jnp
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Quantity, Side, Values, View
 
+_AT_ONCE = 1e-12  # of the reference time, after which a power has a slope
+
 
 class SensorDrift(Mechanism):
     name = "sensor_drift"
@@ -14,7 +16,8 @@ class SensorDrift(Mechanism):
     subsystem = "sensor"
     equation = (
         "y = value + d y_ref s(t), of the displacement or of the temperature;  s = t/t_ref, "
-        "or 1 - exp(-t/tau) under the laws that settle;  laws of a gain: y = value (1 + d t/t_ref)"
+        "1 - exp(-t/tau) under the laws that settle, (t/t_ref)^n under those of a power;  "
+        "laws of a gain: y = value (1 + d t/t_ref)"
     )
     source = "zero drift, sensitivity drift and warm-up drift: Doebelin, Measurement Systems, ch. 3"
     says = "The sensor's zero or its sensitivity moves with time, whatever the actuator does."
@@ -27,6 +30,8 @@ class SensorDrift(Mechanism):
         "temperature settling",
         "displacement gain",
         "temperature gain",
+        "displacement power",
+        "temperature power",
     )
     law_needs: ClassVar[dict[int, tuple[str, ...]]] = {
         0: ("displacement_output",),
@@ -35,8 +40,10 @@ class SensorDrift(Mechanism):
         3: ("temperature_output",),
         4: ("displacement_output",),
         5: ("temperature_output",),
+        6: ("displacement_output",),
+        7: ("temperature_output",),
     }
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"time_constant": (2, 3)}
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"time_constant": (2, 3), "exponent": (6, 7)}
     parameters = (
         Parameter(
             name="drift",
@@ -60,6 +67,16 @@ class SensorDrift(Mechanism):
             null=1.0,
             spread=1.5,
             time="duration",
+        ),
+        Parameter(
+            name="exponent",
+            symbol="n",
+            unit="1",
+            description="power of the time with which it drifts: above 1 faster and faster (laws of a power)",
+            typical=1.5,
+            bounds=(0.3, 4.0),
+            null=1.0,
+            spread=0.5,
         ),
         Parameter(
             name="reference",
@@ -92,12 +109,17 @@ class SensorDrift(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.05, 0.2, 0.0, 0.0, 0.0), (-0.05, 0.2, 0.0, 0.0, 0.0))
+    starts = ((0.05, 0.2, 1.5, 0.0, 0.0, 0.0), (-0.05, 0.2, 1.5, 0.0, 0.0, 0.0))
 
     def reading(self, p: Values, view: View, quantity: Quantity, value: Side) -> Side:
         settles = (p.law == 2) | (p.law == 3)
-        shape = jnp.where(settles, -jnp.expm1(-view.time / p.time_constant), view.time / p.reference_time)
-        of_temperature = (p.law == 1) | (p.law == 3) | (p.law == 5)
+        passed = view.time / p.reference_time
+        exponent = jnp.where(p.law >= 6, p.exponent, 1.0)
+        shape = jnp.where(
+            settles, -jnp.expm1(-view.time / p.time_constant), (jnp.maximum(passed, 0.0) + _AT_ONCE) ** exponent
+        )
+        of_temperature = (p.law == 1) | (p.law == 3) | (p.law == 5) | (p.law == 7)
+        of_gain = (p.law == 4) | (p.law == 5)
         mine = of_temperature if quantity == "temperature" else ~of_temperature
         scale = p.reference_temperature if quantity == "temperature" else p.reference
-        return value + jnp.where(mine, p.drift, 0.0) * jnp.where(p.law >= 4, value, scale) * shape
+        return value + jnp.where(mine, p.drift, 0.0) * jnp.where(of_gain, value, scale) * shape
