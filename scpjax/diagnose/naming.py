@@ -101,6 +101,10 @@ def find_names(
     if free is not None:
         return replace(found, choice=free.choice(found.base, found.choice), curve=free.curve)
     choice = search.exchange(found.choice, found.base, found.parts)
+    if len(choice.state.names) > 1:  # beside laws that were exchanged not every name need be missed
+        pruned = prune(choice.state, found.parts, rules, found.base)
+        if pruned.names != choice.state.names:
+            choice = replace(choice.with_only(pruned), settled=choice.settled)
     found = Found(*_settled(found.parts, found.base, choice, rules), notes=found.notes)
     free = one_for_several(found.base, found.choice, found.parts, rules)
     if free is None:

@@ -200,9 +200,11 @@ def _tried(search: _Search, way: _Branch, round_: int, tell: Callable[[str, int]
 
 def _one_more(search: _Search, found: _Tried, ways: int = _WAYS) -> list[_Branch]:
     """A branch with one mechanism more: the best one, and where that does not reach the noise one that predicts the
-    held-out stretches better still, or is close. One that is pruned as soon as it is fitted afresh is none.
+    held-out stretches better still, or is close. One that is pruned as soon as it is fitted afresh is none, but the
+    others stay where it led them, if that is closer.
     """
     out: list[_Branch] = []
+    closest = found.way.state
     first: Comparison | None = None
     left = [] if found.ends else found.accepted[:_ATTEMPTS]
     while left and len(out) < ways and not (out and at_noise(out[0].state, search.split)):
@@ -212,10 +214,11 @@ def _one_more(search: _Search, found: _Tried, ways: int = _WAYS) -> list[_Branch
         left = [o for o in left if o is not c]
         way = _named(search, found, c)
         if set(way.state.names) == set(found.way.state.names):
+            closest = min(closest, way.state, key=lambda s: s.cost)
             continue
         first = first or c
         out.append(way)
-    return out or [replace(found.way, ranking=found.ranking, ended=True)]
+    return out or [replace(found.way, state=closest, ranking=found.ranking, ended=True)]
 
 
 def _second(among: Sequence[Comparison], first: Comparison, split: Split) -> Comparison | None:
@@ -242,7 +245,7 @@ def _named(search: _Search, found: _Tried, c: Comparison) -> _Branch:
     like = equals(c, found.accepted, way.state, split)
     state = afresh(c.state, split)
     state = other_laws(state, c.added, split, rules, search.patience)
-    state = prune(state, split, rules)
+    state = prune(state, split, rules, search.base)
     tried, own = way.tried | {c.added: found.tried}, {n: p for n, p in way.own.items() if n != c.added}
     return _Branch(state, found.ranking, tried, own, way.equivalents | {c.added: like})
 
@@ -316,9 +319,9 @@ def _earned(search: _Search, before: State, after: State) -> bool:
     return worthwhile(before, after, search.base, search.split, search.rules.worth)
 
 
-def prune(state: State, split: Split, rules: Evidence) -> State:
+def prune(state: State, split: Split, rules: Evidence, base: State | None = None) -> State:
     """Take out what is not missed: what a later mechanism has made superfluous, and the last one where it only led the
-    others to a better fit.
+    others to a better fit. With ``base`` what is not worth it beside it is not missed either.
     """
     whole = state
     bare = dict(zip(whole.names, abreast(lambda name: without(whole, name, split), whole.names), strict=True))
@@ -326,6 +329,7 @@ def prune(state: State, split: Split, rules: Evidence) -> State:
         fewer = bare[name] if state is whole else without(state, name, split)
         m = state.setup.structure.mechanism(name)
         extra = state.setup.structure.count_free(name, m.laws.index(state.laws[name]))
-        if not compare(fewer, state, name, "", split, rules, extra).accepted:
+        missed = compare(fewer, state, name, "", split, rules, extra).accepted
+        if not missed or not (base is None or worthwhile(fewer, state, base, split, rules.worth)):
             state = fewer
     return state

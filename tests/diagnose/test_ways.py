@@ -50,7 +50,7 @@ def played(monkeypatch, misfits: dict[str, float], held_out: dict[str, float] | 
     monkeypatch.setattr(select, "released", lambda *_: None)
     monkeypatch.setattr(select, "afresh", lambda state, split: state)
     monkeypatch.setattr(select, "other_laws", lambda state, *_: state)
-    monkeypatch.setattr(select, "prune", lambda state, split, rules: state)
+    monkeypatch.setattr(select, "prune", lambda state, split, rules, base=None: state)
     monkeypatch.setattr(select, "equals", lambda best, others, before, split: ())
     monkeypatch.setattr(select, "worthwhile", lambda *_: True)
     monkeypatch.setattr(select, "at_noise", lambda state, split, level=1.0: state.cost <= 1)
@@ -113,7 +113,7 @@ def test_what_is_pruned_as_soon_as_it_is_named_leaves_its_place_to_the_next(monk
     """Beside ``a``, ``b`` promises more than ``c`` by far and is not missed; no round is spent on ``a`` again."""
     asked = played(monkeypatch, {"a": 500.0, "ab": 100.0, "ac": 300.0, "acd": 1.0})
     keep = lambda s: Played(tuple(n for n in s.names if n != "b"), 500.0) if "b" in s.names else s  # noqa: E731
-    monkeypatch.setattr(select, "prune", lambda state, split, rules: keep(state))
+    monkeypatch.setattr(select, "prune", lambda state, split, rules, base=None: keep(state))
     assert chosen() == {"a", "c", "d"}
     assert asked == [(), ("a",), ("a", "c")]
 
@@ -317,3 +317,15 @@ def test_what_only_led_the_others_to_a_better_fit_is_taken_out(monkeypatch):
     monkeypatch.setattr(select, "compare", missed)
     assert select.prune(state(("a", "b")), None, Evidence()).names == ("a",)  # type: ignore[arg-type]
     assert select.prune(state(("a", "c")), None, Evidence()).names == ("a", "c")  # type: ignore[arg-type]
+    monkeypatch.setattr(select, "worthwhile", lambda fewer, s, base, split, worth: fewer.names != ("a",))
+    base = state(())
+    assert select.prune(state(("a", "c")), None, Evidence(), base).names == ("a",)  # type: ignore[arg-type]
+
+
+def test_the_others_stay_where_a_name_that_is_none_led_them(monkeypatch):
+    """``b`` gains by what ``a`` then does, and is pruned; nothing else gains anything."""
+    played(monkeypatch, {"a": 500.0, "ab": 100.0})
+    without_b = lambda s: Played(("a",), 90.0) if "b" in s.names else s  # noqa: E731
+    monkeypatch.setattr(select, "prune", lambda state, split, rules, base=None: without_b(state))
+    found = select.choose(Played((), 1000.0), None, Evidence(), None)  # type: ignore[arg-type]
+    assert (found.state.names, found.state.cost) == (("a",), 90.0)
