@@ -72,11 +72,15 @@ def refine(
     return eqx.tree_at(lambda t: t.free, trial, found.free[0]), bool(found.converged[0]), float(found.cost[0])
 
 
+_MOST_WILD = 0.05  # share of an output's samples, from which what stands out is no matter of single ones
+
+
 def outliers(setup: Setup, data: Data, trial: Trial, *, threshold: float = 6.0, window: int = 11) -> np.ndarray:
     """Weights with isolated wild samples taken out, judged on the residuals of a fit.
 
     A sample is wild when its residual lies more than ``threshold`` standard deviations from the median of its
-    neighbours' and stands alone (no more than two in a row); a misfit of the model is neither.
+    neighbours' and stands alone (no more than two in a row); a misfit of the model is neither. Where a twentieth of an
+    output's samples or more would be, none is.
     """
     residual = np.asarray(outputs_of(trial, data, setup.space)) - np.asarray(data.outputs)
     weights = np.array(data.weights)
@@ -93,7 +97,7 @@ def outliers(setup: Setup, data: Data, trial: Trial, *, threshold: float = 6.0, 
             wild = np.abs(x - middle) > threshold * np.maximum(spread, float(data.sigma[j]))
             runs = np.convolve(wild, np.ones(3), mode="same")
             wild &= runs <= 2
-            if wild.mean() < 0.02:
+            if wild.mean() < _MOST_WILD:
                 weights[i, seen[wild], j] = 0.0
     return weights
 

@@ -46,6 +46,17 @@ def test_what_stands_out_is_left_out(wild):
     assert notes == ((f"{len(wild)} isolated wild samples were left out",) if wild else ())
 
 
+@pytest.mark.parametrize(("share", "out"), [(0.03, True), (0.08, False)])
+def test_so_many_may_be_wild(share, out):
+    """A loose contact spoils every thirtieth sample; what spoils every twelfth is something else."""
+    draw = np.random.default_rng(4)
+    at = np.arange(5, 745)[:: int(1 / share)]
+    setup = recorded({int(k): float(draw.choice([-1, 1]) * draw.uniform(2e-4, 5e-4)) for k in at})
+    trial, _, _ = best_start(setup, setup.data)
+    _, data, _ = settle(setup, trial, setup.data)
+    assert left_out(setup.data, data) == (set(at.tolist()) if out else set())
+
+
 @pytest.mark.parametrize("bends", [True, False])
 def test_what_has_bent_the_fit_until_it_stood_out_no_more_is_left_out(monkeypatch, bends):
     """A least-squares fit may go through a wild sample (by ringing at the start); one on which it pulls no harder the
