@@ -7,7 +7,8 @@ the model leaves out, which is slow, does not pass for a mistimed jump). Where n
 prediction, the drive is what it is on average over all shares.
 
 A drive that was on its way before the gap or after it (a ramp, a sine) goes on smoothly within, by Hermite's cubic with
-the slopes at both ends; by how much it bulges beside that is estimated in place of a time.
+the slopes at both ends; by how much it bulges beside that is estimated in place of a time. In a gap about as long as a
+drive stands between two jumps it may have stood anywhere: what it was on average is estimated.
 """
 
 from __future__ import annotations
@@ -31,13 +32,18 @@ _ALIKE = 3.0  # ratio of two successive changes of a drive, up to which it is on
 _BULGE = (
     0.125  # of a gap's length by the slopes at its ends: how far, at most in its middle, a drive may leave the cubic
 )
+_SOON = 0.5  # of the time between two jumps, up to which a gap is taken to hold one at most
+_NOISY = 0.3  # of the changes of a drive: with more turns than that it carries noise
+_JUMP = 0.25  # of a drive's standard deviation, from which a change is none of noise
 _CLOCK = 0.8  # of the samples of a clock that skips some follow the one before after its period
 
 
 @dataclass(frozen=True)
 class Gap:
     """Nodes ``start`` to ``end`` of recording ``recording``, between which the effort went ``before`` to ``after``
-    (s,); ``slopes`` (2, s) [per node] at these ends, of drives that were on their way, 0 of both ends where one jumps.
+    (s,), and of which ``sides`` this is (None: all); there the drive jumps, or goes on with ``slopes`` [per node] at
+    these ends, or, with a ``spread`` alone, stood anywhere up to ``most``. ``spread``: standard deviation [of the
+    effort] of how far in the middle it may leave that course, or of where it stood.
     """
 
     recording: int
@@ -45,26 +51,38 @@ class Gap:
     end: int
     before: np.ndarray
     after: np.ndarray
-    slopes: np.ndarray | None = None
+    sides: tuple[int, ...] | None = None
+    slopes: tuple[float, float] | None = None
+    spread: float = 0.0
+    most: float = np.inf
 
     def course(self, share: float) -> np.ndarray:
         """Effort (end - start, s) of the steps within: of drives that jump, before and after that share of the gap;
-        of those on their way, of the cubic with a bulge of (share - 1/2)/`PRIOR` standard deviations.
+        of others (share - 1/2)/`PRIOR` of their spread off what is most likely.
         """
         cells, length = np.arange(self.end - self.start)[:, None], self.end - self.start
+        beside = self.spread * (share - 0.5) / PRIOR
+        if self.slopes is not None:
+            q = cells / length
+            smooth = cubic(q, self.before, self.after, length * np.array(self.slopes)) + 4.0 * beside * q * (1.0 - q)
+            return np.maximum(smooth, np.minimum(np.minimum(self.before, self.after), 0.0))
+        if self.spread:
+            return np.broadcast_to(0.5 * (self.before + self.after) + beside, (length, len(self.before)))
         old = np.clip(share * length - cells, 0.0, 1.0)
-        jumps = old * self.before + (1 - old) * self.after
-        if self.slopes is None:
-            return jumps
-        bulge = 4.0 * _BULGE * length * np.sum(np.abs(self.slopes), axis=0) * (share - 0.5) / PRIOR
-        q = cells / length
-        smooth = cubic(q, self.before, self.after, length * self.slopes) + bulge * q * (1.0 - q)
-        lowest = np.minimum(np.minimum(self.before, self.after), 0.0)
-        return np.where(np.any(self.slopes != 0, axis=0), np.maximum(smooth, lowest), jumps)
+        return old * self.before + (1 - old) * self.after
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Within which a share is kept: a drive that stood somewhere did so between 0 and its most."""
+        if self.slopes is not None or not self.spread or self.sides is None:
+            return 0.0, 1.0
+        before, after = (float(x[self.sides[0]]) for x in (self.before, self.after))
+        middle, lowest = 0.5 * (before + after), min(before, after, 0.0)
+        return 0.5 - PRIOR * (middle - lowest) / self.spread, 0.5 + PRIOR * (self.most - middle) / self.spread
 
 
 def find_gaps(data: Data) -> tuple[Gap, ...]:
-    """Gaps of held recordings during which the drive changed."""
+    """Gaps of held recordings during which the drive changed, or may have."""
     if not data.grids.constant:
         return ()
     found = []
@@ -75,16 +93,56 @@ def find_gaps(data: Data) -> tuple[Gap, ...]:
         if np.any(fraction[i] > 0):
             continue  # stamps off the grid: not a clock that skips
         usual = int(np.median(np.diff(nodes)))
+        inside = nodes[nodes < effort.shape[1]]
+        drives = [_Drive.of(inside, effort[i, :, 0, j]) for j in range(effort.shape[3])]
         for k in np.flatnonzero(np.diff(nodes) > usual):
             a, b = int(nodes[k]), int(nodes[k + 1])
-            if b >= effort.shape[1]:
-                continue
-            before, after = effort[i, a, 0], effort[i, b, 0]
-            slopes = np.stack([slopes_at(nodes, effort[i, :, 0, j], int(k)) for j in range(effort.shape[3])], axis=1)
-            least = 1e-9 * np.max(np.abs(effort[i]))
-            if np.any(np.abs(after - before) > least) or np.any(np.abs(slopes) > least):
-                found.append(Gap(i, a, b, before, after, slopes if np.any(slopes) else None))
+            if b < effort.shape[1]:
+                found += _gaps_at(i, a, b, int(k), nodes, effort[i, :, 0], drives)
     return tuple(found)
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """How one drive of a recording goes: nodes between two jumps or turns, and standard deviation and greatest value
+    [of the effort]."""
+
+    turn: float
+    spread: float
+    most: float
+
+    @staticmethod
+    def of(nodes: np.ndarray, values: np.ndarray) -> _Drive:
+        v = values[nodes]
+        steps, spread = np.diff(v), float(np.std(v))
+        moved = steps[np.abs(steps) > 1e-9 * max(np.max(np.abs(v)), 1e-300)]
+        turns = len(moved)
+        if turns > 0.5 * len(steps):  # always on its way
+            turns = int(np.sum(moved[1:] * moved[:-1] < 0))
+            if turns > _NOISY * len(steps):  # or measured, with noise
+                turns = int(np.sum(np.abs(steps) > _JUMP * spread))
+        return _Drive((nodes[-1] - nodes[0]) / (turns + 1), spread, float(np.max(v)))
+
+    def anywhere(self, length: int) -> float:
+        """Standard deviation of where it may have been within a gap."""
+        return self.spread * min(1.0, length / self.turn) ** 2
+
+
+def _gaps_at(i: int, a: int, b: int, k: int, nodes: np.ndarray, effort: np.ndarray, drives: list[_Drive]) -> list[Gap]:
+    """One gap for all the drives that jump in it, and one for each of the others."""
+    before, after, jumping, found = effort[a], effort[b], [], []
+    for j, drive in enumerate(drives):
+        slopes, free = slopes_at(nodes, effort[:, j], k), drive.anywhere(b - a)
+        if any(slopes):
+            spread = max(_BULGE * (b - a) * float(np.sum(np.abs(slopes))), free)
+            found.append(Gap(i, a, b, before, after, (j,), slopes, spread))
+        elif b - a > _SOON * drive.turn:
+            found.append(Gap(i, a, b, before, after, (j,), None, free, drive.most))
+        elif abs(after[j] - before[j]) > 1e-9 * max(np.max(np.abs(effort)), 1e-300):
+            jumping.append(j)
+    if jumping:
+        found.insert(0, Gap(i, a, b, before, after, tuple(jumping)))
+    return found
 
 
 def slopes_at(nodes: np.ndarray, values: np.ndarray, k: int) -> tuple[float, float]:
@@ -116,7 +174,9 @@ def fill(effort: np.ndarray, gaps: tuple[Gap, ...], shares: np.ndarray) -> np.nd
     it."""
     out = np.array(effort)
     for gap, share in zip(gaps, shares, strict=True):
-        out[gap.recording, gap.start : gap.end] = gap.course(float(share))[:, None, :]
+        course = gap.course(float(share))[:, None, :]
+        for j in range(out.shape[3]) if gap.sides is None else gap.sides:
+            out[gap.recording, gap.start : gap.end, :, j] = course[..., j]
     return out
 
 
@@ -173,7 +233,7 @@ def _parameter_columns(trial: Trial, data: Data, space: Space) -> jax.Array:
 
 
 def improve(data: Data, gaps: tuple[Gap, ...], shares: np.ndarray, trial: Trial, space: Space) -> np.ndarray:
-    """Shares (gaps,) after one Gauss-Newton step beside the trial's moving entries, kept within 0 and 1."""
+    """Shares (gaps,) after one Gauss-Newton step beside the trial's moving entries, kept within their bounds."""
     if not gaps:
         return shares
     by_recording = [[g for g, gap in enumerate(gaps) if gap.recording == i] for i in range(data.target.shape[0])]
@@ -205,7 +265,8 @@ def improve(data: Data, gaps: tuple[Gap, ...], shares: np.ndarray, trial: Trial,
     pull = np.concatenate([np.zeros(len(parameters)), (0.5 - shares) / PRIOR])
     rhs = np.concatenate([-whiten(answers[0]).ravel(), pull])
     step = np.linalg.lstsq(lhs, rhs, rcond=None)[0] / scale
-    return np.clip(shares + step[len(parameters) :], 0.0, 1.0)
+    low, high = np.array([gap.bounds for gap in gaps]).T
+    return np.clip(shares + step[len(parameters) :], low, high)
 
 
 def _whitener(residual: np.ndarray, there: np.ndarray):

@@ -136,3 +136,34 @@ def test_a_drive_that_turned_round_in_a_long_gap_leaves_no_misfit(shape):
     kept = np.setdiff1d(TICKS, missing)
     off = [np.sqrt(np.mean((y - exact[kept]) ** 2)) for y in (said["temperature_degC"] + 273.15, lower[kept])]
     assert off[0] < 0.5 * off[1]
+
+
+def jumpy(hold: int, seed: int = 3) -> np.ndarray:
+    """Volts that take another level after every ``hold`` ticks."""
+    levels = np.random.default_rng(seed).choice([0.0, 1.0, 2.0, 3.0], len(TICKS) // hold + 1)
+    return np.repeat(levels, hold)[: len(TICKS)]
+
+
+def test_a_gap_as_long_as_a_drive_stands_leaves_no_misfit():
+    """Three seconds are missing, in which the drive took two levels or three that nobody has seen."""
+    volts, starts = jumpy(25), [310, 735, 1160]
+    missing = [t for s in starts for t in range(s, s + 60)]
+    recording = recorded(volts, missing)
+    setup = prepare([recording])
+    trial, _, _ = best_start(setup, setup.data)
+    gaps = find_gaps(setup.data)
+    assert [(g.start, g.end) for g in gaps] == [(s - 1, s + 60) for s in starts]
+    assert all(g.spread > 0 and g.slopes is None for g in gaps)
+    once, _, _ = refine(setup, setup.data, trial)
+    held = np.asarray(outputs_of(once, setup.data, setup.space) - setup.data.outputs)[0, : recording.n, 0]
+    trial, data, _ = settle(setup, trial, setup.data)
+    error = np.asarray(outputs_of(trial, data, setup.space) - data.outputs)[0, : recording.n, 0]
+    assert np.sqrt(np.mean(error**2)) < 1.2 * NOISE < 0.2 * np.sqrt(np.mean(held**2))
+
+
+def test_the_noise_of_a_measured_drive_is_no_jump():
+    """One tick is missing here and there, while the volts stand."""
+    volts = jumpy(200) + 1.0
+    noisy = volts + 0.004 * np.random.default_rng(0).standard_normal(len(TICKS))
+    setup = prepare([recorded(noisy, [150, 350, 551, 952])])
+    assert all(g.spread < 0.05 for g in find_gaps(setup.data))
