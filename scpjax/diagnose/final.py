@@ -30,8 +30,7 @@ def resolved(state: State, parts: Split) -> tuple[Split, State, tuple[str, ...]]
     Where what acts on the force has states of its own, such as hysteresis, a step as long as a sample may err by more
     than the noise, and parameters fitted with it make up for that only under drives like those given.
     """
-    short = any(m.may_need_short_steps for m in state.setup.structure.mechanisms)
-    if not (short and parts.whole.grids.constant):
+    if not any(m.may_need_short_steps for m in state.setup.structure.mechanisms):
         return parts, state, ()
     sigma, space = np.asarray(parts.whole.sigma), state.setup.space
     there = np.where(np.asarray(parts.whole.weights) > 0, 1.0, 0.0)

@@ -8,15 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scpjax.diagnose.curve import Curve
-from scpjax.diagnose.evidence import Evidence
+from scpjax.diagnose.evidence import Evidence, is_better
 from scpjax.diagnose.exchange import exchanged
+from scpjax.diagnose.final import resolved
 from scpjax.diagnose.free import Free, free_law, one_for_several
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.outside import AT_NOISE, level
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.select import Choice, Progress, choose, prune
 from scpjax.diagnose.together import choose_together
-from scpjax.diagnose.trials import State, misfit, residual_on
+from scpjax.diagnose.trials import State, afresh, at_rest, misfit, residual_on, under_every_law
 from scpjax.fit.data import Data
 from scpjax.fit.fit import outliers, refine, settle
 from scpjax.fit.problem import Trial
@@ -106,6 +107,7 @@ def find_names(
         if pruned.names != choice.state.names:
             choice = replace(choice.with_only(pruned), settled=choice.settled)
     found = Found(*_settled(found.parts, found.base, choice, rules), notes=found.notes)
+    found = _by_shorter_steps(found, search)
     free = one_for_several(found.base, found.choice, found.parts, rules)
     if free is None:
         return found
@@ -153,6 +155,30 @@ def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free |
     if free is None and not choice.state.names:
         by_curve(base)
     return Found(parts, base, choice, notes=notes), free
+
+
+def _by_shorter_steps(found: Found, search: _Seeker) -> Found:
+    """What names come to by steps that are short enough for them, each under every law again, where that takes them to
+    the noise: by steps as long as the samples a law that is right may miss it.
+    """
+    parts, state = found.parts, found.choice.state
+    if not state.names or level(state, parts) <= AT_NOISE or search.patience.over():
+        return found
+    fine, state, _ = resolved(state, parts)
+    if fine is parts:
+        return found
+    search.tell("what is named, by shorter steps", 0.72)
+    state = afresh(state, fine)
+    for name in state.names:
+        if level(state, fine) <= AT_NOISE:
+            break
+        other = under_every_law(state, name, fine)
+        if is_better(other, state, fine, search.rules):
+            state = other
+    if level(state, fine) > AT_NOISE:
+        return found
+    base = at_rest(found.base.setup, fine, [found.base.trial])
+    return replace(found, parts=fine, base=base, choice=replace(found.choice, state=state))
 
 
 def _settled(parts: Split, base: State, choice: Choice, rules: Evidence) -> tuple[Split, State, Choice]:

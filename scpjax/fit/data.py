@@ -62,13 +62,19 @@ class Data(eqx.Module):
         return dataclasses.replace(self, order=order)
 
     def finer(self, factor: int) -> Data:
-        """The same data under a held drive, simulated by steps shorter by a whole factor."""
+        """The same data, simulated by steps shorter by a whole factor. A drive that is not held goes within each step
+        along the parabola through its start, middle and end, as it did.
+        """
         g = self.grids
+        effort = jnp.repeat(jnp.asarray(g.effort), factor, axis=1)
         if not g.constant:
-            raise ValueError("only a held drive is the same in every part of a step")
+            s = (np.arange(factor)[:, None] + np.array([0.0, 0.5, 1.0])) / factor  # (part, node)
+            through = np.stack([(1 - s) * (1 - 2 * s), 4 * s * (1 - s), s * (2 * s - 1)], axis=-1)
+            parts = jnp.einsum("pnm,rkms->rkpns", through, jnp.asarray(g.effort))
+            effort = parts.reshape(effort.shape)
         at = np.asarray(g.at) * factor + np.floor(np.asarray(g.fraction) * factor).astype(int)
         grids = Grid(
-            jnp.repeat(jnp.asarray(g.effort), factor, axis=1),
+            effort,
             jnp.asarray(g.step) / factor,
             jnp.asarray(at),
             jnp.asarray(np.asarray(g.fraction) * factor % 1.0),
