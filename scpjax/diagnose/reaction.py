@@ -85,5 +85,5 @@ def draw_reaction(
         {key: every[key] for key in _KEYS},
         found.evidence.held_out_gain,
         found.evidence.delta_bic,
-        Drawn("temperature", "K", "J s(T) w", "1/s", temperature * (1.0 + below), rate, spread, "", rate, 0.0),
+        Drawn("temperature", "K", "Q s(T) w", "1/s", temperature * (1.0 + below), rate, spread, "", rate, 0.0),
     )
