@@ -158,8 +158,8 @@ def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free |
 
 
 def _by_shorter_steps(found: Found, search: _Seeker) -> Found:
-    """What names come to by steps that are short enough for them, each under every law again, where that takes them to
-    the noise: by steps as long as the samples a law that is right may miss it.
+    """What names come to by steps that are short enough for them, those that need them under every law again, where
+    that takes them to the noise: by steps as long as the samples a law that is right may miss it.
     """
     parts, state = found.parts, found.choice.state
     if not state.names or level(state, parts) <= AT_NOISE or search.patience.over():
@@ -170,8 +170,10 @@ def _by_shorter_steps(found: Found, search: _Seeker) -> Found:
     search.tell("what is named, by shorter steps", 0.72)
     state = afresh(state, fine)
     for name in state.names:
-        if level(state, fine) <= AT_NOISE:
+        if level(state, fine) <= AT_NOISE or search.patience.over():
             break
+        if not state.setup.structure.mechanism(name).may_need_short_steps:
+            continue
         other = under_every_law(state, name, fine)
         if is_better(other, state, fine, search.rules):
             state = other
