@@ -26,9 +26,9 @@ ADDED = np.array([0.02, 2e-5])  # K, m; the second well above what a step of 0.1
 HELD = [
     ("friction", 0, {"strength": 0.15, "velocity_time": 300.0}),
     ("friction", 2, {"strength": 0.15, "presliding": 0.02}),
-    ("friction", 3, {"strength": 0.15, "presliding": 0.02, "static": 0.3, "velocity_time": 300.0}),
     ("hysteresis", 0, {"strength": 0.5, "width": 0.2}),
     ("hysteresis", 3, {"strength": 0.5, "width": 0.2, "reference_temperature": 60.0}),
+    ("friction", 3, {"strength": 0.15, "presliding": 0.02, "static": 0.3, "velocity_time": 300.0}),
 ]
 
 
