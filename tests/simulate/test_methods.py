@@ -66,7 +66,7 @@ ROUGH = {
     "hysteresis-Duhem": (2e-5, 1e-6),
     "friction": (5e-2, 5e-3),
     "antagonist_load": (3e-2, 3e-3),
-    "antagonist_load-preloaded spring": (4e-1, 4e-2),  # begins moving against a stop 16 times as stiff
+    "antagonist_load-preloaded spring": (1.5e-1, 1e-2),  # 16 times as stiff where the preload is taken up
 }
 
 
@@ -82,14 +82,6 @@ def test_fixed_steps_agree_with_adaptive_ones(case):
     assert worst(found.outputs, wanted.outputs) < outputs
     without = simulate(at_null(model.structure), recording, initial=z0, method=Exponential(substeps=8)).outputs
     assert worst(found.outputs, without) > 1e-3  # it does something to agree on
-
-
-def test_what_has_come_to_rest_at_a_stop_is_where_it_would_be_by_short_steps():
-    model, z0 = case_of("antagonist_load", 6)
-    long, short = (
-        simulate(model, multilevel(), initial=z0, method=Exponential(order=2, substeps=k)).outputs for k in (1, 256)
-    )
-    assert worst(long[40:], short[40:]) < 1e-3
 
 
 def _adaptive_and_stepped(name, values, method_of, factors):

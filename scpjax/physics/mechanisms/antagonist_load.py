@@ -165,10 +165,9 @@ class AntagonistLoad(Mechanism):
         engaged = jnp.where(p.law == 1, square * square, linear)
         preload = view.shared["stiffness"] * p.preload
         push = yields * preload
-        sharp = jnp.maximum(end / p.reference - p.onset, 0.0)
-        taking_up = sharp / (1.0 + share + push / ROUND)
-        beyond = jnp.where(taking_up < ROUND, taking_up, (sharp - push) / (1.0 + share))
-        preloaded = -p.reference * (back * beyond + preload * jnp.minimum(beyond / ROUND, 1.0))
+        taking_up = free / (1.0 + share + push / ROUND)
+        beyond = jnp.where(taking_up < ROUND, taking_up, (free - push) / (1.0 + share))
+        preloaded = -p.reference * (back * beyond + preload * jnp.clip(beyond / ROUND, 0.0, 1.0))
         if view.radius:  # under law uneven, one-sided spring, by the antagonist alone
             engaged = jnp.where((p.law == 5) & (jnp.arange(2) == 1), 0.0, engaged)
         springs = jnp.where((p.law < 2) | (p.law == 5), -back, 0.0) * p.reference * engaged
