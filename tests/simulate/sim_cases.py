@@ -35,7 +35,7 @@ ACTIVE = {
         "reference": 20.0,
         "reference_time": 6.0,
     },
-    "antagonist_load": {"strength": 0.7, "onset": 0.4, "length": 0.5, "preload": 0.3, "reference": 0.0025},
+    "antagonist_load": {"strength": 0.7, "onset": 0.4, "length": 0.5, "reference": 0.0025},
     "creep": {
         "compliance": 0.3,
         "time_constant": 2.0,

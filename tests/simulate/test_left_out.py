@@ -201,25 +201,6 @@ def test_a_second_spring_however_stiff_and_long_the_steps(period, strength):
     assert np.ptp(free) > 0.004
 
 
-@pytest.mark.parametrize("period", [0.05, 0.25])
-@pytest.mark.parametrize(("strength", "preload"), [(0.5, 0.2), (0.01, 0.1), (20.0, 0.4)])
-def test_a_preloaded_spring_stops_it_until_the_pull_has_risen(period, strength, preload):
-    """Heated slowly: x_0 while C T < k (x_0 + p x_ref), then x = (C T - k p x_ref + a k x_0)/((1 + a) k)."""
-    base = presets.plant(**ACTUATOR)
-    numbers = {"strength": strength, "onset": 0.4, "preload": preload, "reference": 0.005}
-    structure = extended(base.structure, "antagonist_load")
-    laws = [6.0 * (m.name == "antagonist_load") for m in structure.mechanisms]
-    model = Model(structure, laws=laws).replace(base.values() | {f"antagonist_load.{k}": v for k, v in numbers.items()})
-    time = np.arange(0, 60, period)
-    recording = recorded(time, {"voltage_V": np.sqrt(1.2 * 0.14 * time)})
-    z = np.asarray(simulate(model, recording, method=Exponential(order=2)).states)
-    free, taken_up = 0.022 * z[:, 0] / K, 0.002 + 0.005 * preload
-    wanted = np.where(free < taken_up, 0.002, (free - 0.005 * preload + strength * 0.002) / (1 + strength))
-    wanted = np.minimum(free, wanted)
-    np.testing.assert_allclose(z[:, 1], wanted, atol=1.5e-4)
-    assert free[-1] > 1.3 * taken_up
-
-
 @pytest.mark.parametrize("m", left_out(), ids=lambda m: m.name)
 def test_derivatives_are_finite_at_null_and_at_the_starts(m):
     """Of rates and readings, with respect to states, parameters and effort: at rest, warm and moving."""

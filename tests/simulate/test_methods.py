@@ -66,7 +66,6 @@ ROUGH = {
     "hysteresis-Duhem": (2e-5, 1e-6),
     "friction": (5e-2, 5e-3),
     "antagonist_load": (3e-2, 3e-3),
-    "antagonist_load-preloaded spring": (1.5e-1, 1e-2),  # 16 times as stiff where the preload is taken up
 }
 
 

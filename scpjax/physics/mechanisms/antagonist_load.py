@@ -22,14 +22,13 @@ class AntagonistLoad(Mechanism):
         "law rubber band: F = -a k L (f(s) - f(s_0)), f = (s - 1/s^2)(1 + 1/s)/f'(s_0), s = s_0 + x/L, s_0 = 1.1;  "
         "law link: F = -a k x_ref (sin(phi_0 + x/r) - sin(phi_0)) on a joint whose pulley has the radius r;  "
         "law uneven: the antagonist pulls with c (1 + g);  law uneven, one-sided spring: and, stretched beyond x_0, "
-        "is such a spring;  law preloaded spring: F = -k (p x_ref + a (x - x_0)) beyond x_0"
+        "is such a spring"
     )
     source = (
         "unilateral spring: Shaw, Holmes, J. Sound Vib. 90 (1983) 129; Hertzian hardening: Johnson, Contact Mechanics; "
         "rubber: Mooney, J. Appl. Phys. 11 (1940) 582, with equal constants; "
         "link: the gravity torque of a pendulum, Spong, Hutchinson, Vidyasagar, Robot Modeling and Control, ch. 7; "
-        "uneven: two muscles of one joint with coefficients of their own in thesis (3.7); "
-        "preloaded: Shigley's Mechanical Engineering Design, ch. 10, a spring held by a stop until x_0"
+        "uneven: two muscles of one joint with coefficients of their own in thesis (3.7)"
     )
     says = (
         "A second spring, a rubber band, another muscle or the weight of what a joint raises takes up part of the "
@@ -37,23 +36,14 @@ class AntagonistLoad(Mechanism):
     )
     needs = ("mechanical",)
     excited_by = "steady states from small to large displacements"
-    laws = (
-        "one-sided spring",
-        "hardening",
-        "rubber band",
-        "link",
-        "uneven",
-        "uneven, one-sided spring",
-        "preloaded spring",
-    )
+    laws = ("one-sided spring", "hardening", "rubber band", "link", "uneven", "uneven, one-sided spring")
     law_needs: ClassVar[dict[int, tuple[str, ...]]] = {3: ("joint",), 4: ("joint", "thermal"), 5: ("joint", "thermal")}
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {
-        "strength": (0, 1, 2, 3, 5, 6),
-        "onset": (0, 1, 5, 6),
+        "strength": (0, 1, 2, 3, 5),
+        "onset": (0, 1, 5),
         "length": (2,),
         "angle": (3,),
         "excess": (4, 5),
-        "preload": (6,),
     }
     parameters = (
         Parameter(
@@ -110,16 +100,6 @@ class AntagonistLoad(Mechanism):
             spread=0.5,
         ),
         Parameter(
-            name="preload",
-            symbol="p",
-            unit="1",
-            description="pull of the preloaded spring when it engages, as a share of k x_ref",
-            typical=0.1,
-            bounds=(0.003, 10.0),
-            null=0.0,
-            spread=1.5,
-        ),
-        Parameter(
             name="reference",
             symbol="x_ref",
             unit="m",
@@ -130,7 +110,7 @@ class AntagonistLoad(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.7, 0.5, 1.0, 0.7, 0.3, 0.1, 0.0), (2.0, 0.75, 0.2, -0.7, -0.3, 0.3, 0.0))
+    starts = ((0.7, 0.5, 1.0, 0.7, 0.3, 0.0), (2.0, 0.75, 0.2, -0.7, -0.3, 0.0))
 
     def force(self, p: Values, view: View) -> Side:
         stretch = jnp.maximum(STRETCHED + view.displacement / (p.reference * p.length), SHORTEST)
@@ -149,8 +129,7 @@ class AntagonistLoad(Mechanism):
         """Of the springs that engage, at the displacement that a step would end at: y beyond the onset.
 
         With b the displacement [m/N] by which the load, held by the base spring, yields to a force within the step,
-        y + b k a y = y_free (or b k a y^2/x_ref); for a step of 0, b = 0 and y = x - x_0. A preload is taken up over
-        ROUND of x_ref, in proportion.
+        y + b k a y = y_free (or b k a y^2/x_ref); for a step of 0, b = 0 and y = x - x_0.
         """
         step, still = view.step, jnp.ones_like(view.displacement)
         stiffness, damping = (jnp.sum(view.shared[name] * still) for name in ("stiffness", "damping"))
@@ -163,15 +142,9 @@ class AntagonistLoad(Mechanism):
         linear = free / (1.0 + share)
         square = 2.0 * free / (1.0 + jnp.sqrt(1.0 + 4.0 * share * jnp.maximum(free, 0.0)))
         engaged = jnp.where(p.law == 1, square * square, linear)
-        preload = view.shared["stiffness"] * p.preload
-        push = yields * preload
-        taking_up = free / (1.0 + share + push / ROUND)
-        beyond = jnp.where(taking_up < ROUND, taking_up, (free - push) / (1.0 + share))
-        preloaded = -p.reference * (back * beyond + preload * jnp.clip(beyond / ROUND, 0.0, 1.0))
         if view.radius:  # under law uneven, one-sided spring, by the antagonist alone
             engaged = jnp.where((p.law == 5) & (jnp.arange(2) == 1), 0.0, engaged)
-        springs = jnp.where((p.law < 2) | (p.law == 5), -back, 0.0) * p.reference * engaged
-        return jnp.where(p.law == 6, preloaded, springs)
+        return jnp.where((p.law < 2) | (p.law == 5), -back, 0.0) * p.reference * engaged
 
 
 def _rubber(s: Side | float) -> Side | float:
