@@ -19,6 +19,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from scpjax.compiled import quickly_compiled
 from scpjax.fit.data import Data
@@ -29,9 +30,7 @@ from scpjax.simulate.drive import SQUARED, grid_of
 
 PRIOR = 0.29  # standard deviation of a share that may be anything from 0 to 1
 _ALIKE = 3.0  # ratio of two successive changes of a drive, up to which it is on its way
-_BULGE = (
-    0.125  # of a gap's length by the slopes at its ends: how far, at most in its middle, a drive may leave the cubic
-)
+_BULGE = 0.125  # of what a drive would go on by in a gap with the slopes at its ends: how far it may leave the cubic
 _SOON = 0.5  # of the time between two jumps, up to which a gap is taken to hold one at most
 _NOISY = 0.3  # of the changes of a drive: with more turns than that it carries noise
 _JUMP = 0.25  # of a drive's standard deviation, from which a change is none of noise
@@ -63,8 +62,9 @@ class Gap:
         cells, length = np.arange(self.end - self.start)[:, None], self.end - self.start
         beside = self.spread * (share - 0.5) / PRIOR
         if self.slopes is not None:
-            q = cells / length
-            smooth = cubic(q, self.before, self.after, length * np.array(self.slopes)) + 4.0 * beside * q * (1.0 - q)
+            q, ends = cells / length, np.stack([self.before, self.after])
+            slopes = np.broadcast_to(length * np.array(self.slopes)[:, None], ends.shape)
+            smooth = CubicHermiteSpline([0.0, 1.0], ends, slopes)(q[:, 0]) + 4.0 * beside * q * (1.0 - q)
             return np.maximum(smooth, np.minimum(np.minimum(self.before, self.after), 0.0))
         if self.spread:
             return np.broadcast_to(0.5 * (self.before + self.after) + beside, (length, len(self.before)))
@@ -163,12 +163,6 @@ def slopes_at(nodes: np.ndarray, values: np.ndarray, k: int) -> tuple[float, flo
     return found[0], found[1]
 
 
-def cubic(q: np.ndarray, before: np.ndarray, after: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """Hermite's cubic at ``q`` from 0 to 1 between two values, with the slopes (2, ...) there by q."""
-    p = 1.0 - q
-    return p * p * ((1 + 2 * q) * before + q * slopes[0]) + q * q * ((1 + 2 * p) * after - p * slopes[1])
-
-
 def fill(effort: np.ndarray, gaps: tuple[Gap, ...], shares: np.ndarray) -> np.ndarray:
     """Effort (r, steps, 3, s) with the drive of each gap changing after its share of the gap, or as `Gap.course` has
     it."""
@@ -211,7 +205,7 @@ def _bridge(at: np.ndarray, values: np.ndarray) -> np.ndarray:
         if np.any(slopes != 0):
             a, b = int(at[k]), int(at[k + 1])
             inside = np.arange(a + 1, b)
-            smooth = cubic((inside - a) / (b - a), values[k], values[k + 1], (b - a) * slopes)
+            smooth = CubicHermiteSpline([a, b], values[k : k + 2], slopes)(inside)
             out[inside] = np.maximum(smooth, min(values[k], values[k + 1], 0.0))
     return out
 
