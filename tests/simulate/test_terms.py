@@ -71,7 +71,7 @@ def softening(law):
 def slack(law):
     def force(t, z, u):
         pull, idle = PULL * z[0], K * 0.2 * 0.0025
-        taken = (HOOK(pull + idle, 0.02 * idle) - HOOK(pull - idle, 0.02 * idle)) / 2
+        taken = (HOOK(pull + idle, 0.05 * idle) - HOOK(pull - idle, 0.05 * idle)) / 2
         if law == 2:
             return pull - idle if pull > 2 * idle else pull * abs(pull) / (4 * idle)
         return pull - (taken if law == 1 else 0.0)
@@ -139,7 +139,7 @@ def test_added_term_is_its_equation(case):
     assert worst(found.states[:, mine], wanted) < near
     warm, moved = wanted[:, 0] + float(model.ambient), wanted[:, 1].copy()
     if name == "slack" and law == 0:
-        moved -= (HOOK(moved + 5e-4, 1e-5) - HOOK(moved - 5e-4, 1e-5)) / 2
+        moved -= (HOOK(moved + 5e-4, 2.5e-5) - HOOK(moved - 5e-4, 2.5e-5)) / 2
     if name == "sensor_drift":
         shape = 1 - np.exp(-recording.time / 2) if law in (2, 3) else recording.time / 6
         shape = (recording.time / 6) ** 1.6 if law > 5 else shape

@@ -8,7 +8,8 @@ from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Quantity, Side, Values, View
 from scpjax.physics.smooth import clipped, root
 
-ROUND = 0.02  # of the gap: the width of its corners
+SOFT = (0, 1)  # laws whose corners are as wide as the data say
+ROUND = 0.02  # of the gap: the width of the other laws' corners
 CABLES = 3
 
 
@@ -18,7 +19,8 @@ class Slack(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "law tendon: the sensor's side moves by x - clip(x, -g, g);  "
-        "law pull: F = C T - clip(C T, -k g, k g);  corners rounded over g/50;  "
+        "law pull: F = C T - clip(C T, -k g, k g);  corners of both "
+        "rounded over w g;  "
         "law toe: F = C T |C T| / (4 k g) up to C T = 2 k g, C T - k g beyond;  law cables, of a joint: "
         "F = max(C T - k (x + g), 0) in place of C T - k x, for each side, rounded over k g/50; what "
         "else pushes still does"
@@ -33,6 +35,7 @@ class Slack(Mechanism):
     excited_by = "heating slowly from cold, and small steps about cold"
     laws = ("tendon", "pull", "toe", "cables")
     law_needs: ClassVar[dict[int, tuple[str, ...]]] = {CABLES: ("joint",)}
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"corner": SOFT}
     parameters = (
         Parameter(
             name="gap",
@@ -45,6 +48,16 @@ class Slack(Mechanism):
             spread=1.5,
         ),
         Parameter(
+            name="corner",
+            symbol="w",
+            unit="1",
+            description="contraction over which the tendon grows taut, as a share of the slack (laws tendon, pull)",
+            typical=0.1,
+            bounds=(0.005, 1.0),
+            null=0.1,
+            spread=1.0,
+        ),
+        Parameter(
             name="reference",
             symbol="x_ref",
             unit="m",
@@ -55,7 +68,7 @@ class Slack(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.1, 0.0), (0.35, 0.0))
+    starts = ((0.1, 0.1, 0.0), (0.35, 0.03, 0.0))
 
     @property
     def may_need_short_steps(self) -> bool:
@@ -74,10 +87,10 @@ class Slack(Mechanism):
         beyond = whole - gap
         held = 0.5 * (beyond + root(beyond * beyond + (ROUND * gap) ** 2))
         cable = jnp.where((p.law == CABLES) & (gap > 0), held - whole, 0.0)
-        return cable - clipped(pull, idle, ROUND * idle) - toe
+        return cable - clipped(pull, idle, p.corner * idle) - toe
 
     def reading(self, p: Values, view: View, quantity: Quantity, value: Side) -> Side:
         if quantity != "displacement":
             return value
         gap = jnp.where(p.law == 0, p.gap * p.reference, 0.0)
-        return value - clipped(view.displacement, gap, ROUND * gap)
+        return value - clipped(view.displacement, gap, p.corner * gap)
