@@ -48,7 +48,7 @@ ACTIVE = {
         "reference": 0.0025,
         "reference_temperature": 20.0,
     },
-    "drive_dead_zone": {"threshold": 0.3, "sharpness": 5.0, "reference": 10.0},
+    "drive_dead_zone": {"threshold": 0.3, "sharpness": 5.0, "corner": 0.2, "reference": 10.0},
     "fatigue": {
         "loss": 0.8,
         "most": 0.6,

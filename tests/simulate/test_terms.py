@@ -26,7 +26,7 @@ def dead_zone(law):
         v = np.sqrt(u)
         if law == 1:
             return u / (1 + (3.0 / v) ** 10) / R if v > 0 else 0.0
-        return (v - (HOOK(v + 3, 0.3) - HOOK(v - 3, 0.3)) / 2) ** 2 / R
+        return (v - (HOOK(v + 3, 0.6) - HOOK(v - 3, 0.6)) / 2) ** 2 / R
 
     return plant(power=reaching)
 

@@ -9,7 +9,6 @@ from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 from scpjax.physics.smooth import clipped, root
 
-ROUND = 0.1  # of the threshold: the width of the corner under law threshold
 LEAST = 1e-6  # of the greatest drive squared, that is told from none under law gate
 
 
@@ -18,7 +17,7 @@ class DriveDeadZone(Mechanism):
     title = "Small drives do not reach the wire"
     subsystem = "drive"
     equation = (
-        "law threshold: V_wire = max(|V| - V_0, 0), corner rounded over V_0/10;  "
+        "law threshold: V_wire = max(|V| - V_0, 0), corner rounded over w V_0;  "
         "law gate: V_wire = V / sqrt(1 + (V_0/V)^(2 n)): V well above V_0, nothing well below"
     )
     source = (
@@ -29,7 +28,7 @@ class DriveDeadZone(Mechanism):
     needs = ("electric",)
     excited_by = "small drives beside large ones"
     laws = ("threshold", "gate")
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"sharpness": (1,)}
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"sharpness": (1,), "corner": (0,)}
     parameters = (
         Parameter(
             name="threshold",
@@ -52,6 +51,16 @@ class DriveDeadZone(Mechanism):
             spread=1.0,
         ),
         Parameter(
+            name="corner",
+            symbol="w",
+            unit="1",
+            description="how gradually the drive comes through, as a share of the threshold (law threshold)",
+            typical=0.1,
+            bounds=(0.005, 1.0),
+            null=0.1,
+            spread=1.0,
+        ),
+        Parameter(
             name="reference",
             symbol="V_ref",
             unit="V",
@@ -62,12 +71,12 @@ class DriveDeadZone(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.1, 8.0, 0.0), (0.35, 8.0, 0.0))
+    starts = ((0.1, 8.0, 0.1, 0.0), (0.35, 8.0, 0.1, 0.0))
 
     def effort(self, p: Values, view: View, effort: Side) -> Side:
         limit = p.threshold * p.reference
         volts = root(jnp.maximum(effort, 0.0))  # what a dead time shifts may fall short of 0 by rounding
-        passed = 1.0 - clipped(volts, limit, ROUND * limit) / volts
+        passed = 1.0 - clipped(volts, limit, p.corner * limit) / volts
         relative = (volts * volts + LEAST * p.reference**2) / (limit * limit + 1e-30)
         gate = jax.nn.sigmoid(p.sharpness * jnp.log(relative))
         return effort * jnp.where(p.law == 0, passed * passed, gate)
