@@ -10,6 +10,7 @@ import numpy as np
 from scpjax.diagnose.curve import Curve
 from scpjax.diagnose.evidence import Evidence, is_better
 from scpjax.diagnose.exchange import exchanged
+from scpjax.diagnose.fewer import fewer
 from scpjax.diagnose.final import resolved
 from scpjax.diagnose.free import Free, free_law, one_for_several
 from scpjax.diagnose.holdout import Split
@@ -17,9 +18,10 @@ from scpjax.diagnose.outside import AT_NOISE, level
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.select import Choice, Progress, choose, prune
 from scpjax.diagnose.together import choose_together
-from scpjax.diagnose.trials import State, afresh, at_rest, misfit, residual_on, under_every_law
+from scpjax.diagnose.trials import State, afresh, at_rest, misfit, residual_on, under_each_law, under_every_law
 from scpjax.fit.data import Data
 from scpjax.fit.fit import outliers, refine, settle
+from scpjax.fit.gaps import find_gaps
 from scpjax.fit.problem import Trial
 from scpjax.fit.setup import Setup
 
@@ -103,7 +105,7 @@ def find_names(
         return replace(found, choice=free.choice(found.base, found.choice), curve=free.curve)
     choice = search.exchange(found.choice, found.base, found.parts)
     if len(choice.state.names) > 1:  # beside laws that were exchanged not every name need be missed
-        pruned = prune(choice.state, found.parts, rules, found.base)
+        pruned = fewer(prune(choice.state, found.parts, rules, found.base), found.parts, rules)
         if pruned.names != choice.state.names:
             choice = replace(choice.with_only(pruned), settled=choice.settled)
     found = Found(*_settled(found.parts, found.base, choice, rules), notes=found.notes)
@@ -212,8 +214,13 @@ def _timed(state: State, parts: Split, base: State) -> tuple[State, Split]:
 
 
 def _mistimed(first: State, parts: Split, base: State) -> Split | None:
-    """The data as a first name times jumps inside gaps, where it leaves clearly less of the misfit by that."""
-    state, timed = _timed(first, parts, base)
+    """The data as a first name times jumps inside gaps, where it leaves clearly less of the misfit by that; by the law
+    of it that then leaves least: beside times that are wrong another one may have come nearest.
+    """
+    if not find_gaps(base.setup.data):
+        return None
+    found = [_timed(law, parts, base) for law in (first, *under_each_law(first, first.names[0], parts))]
+    state, timed = min(found, key=lambda each: each[0].cost)
     better = misfit(state, timed) < _LESS * misfit(first, parts)
     return timed if timed is not parts and bool(np.any(better)) else None
 

@@ -276,21 +276,32 @@ def under_every_law(state: State, name: str, split: Split) -> State:
     """The hypothesis with one of its mechanisms fitted again under every law and from every start, all else from where
     it stands; the best of them.
     """
+    return at_rest(state.setup, split, [trial for trials in _law_by_law(state, name) for trial in trials])
+
+
+def under_each_law(state: State, name: str, split: Split) -> list[State]:
+    """As `under_every_law`, the best under each of them."""
+    return [at_rest(state.setup, split, trials) for trials in _law_by_law(state, name)]
+
+
+def _law_by_law(state: State, name: str) -> list[list[Trial]]:
+    """Of each law that can act, one of its mechanisms at every start and all else where it stands."""
     setup, m = state.setup, state.setup.structure.mechanism(name)
     null, where = np.asarray(setup.starts[0]), setup.structure.where
     which = setup.structure.mechanisms.index(m)
-    trials = []
+    found = []
     for law in laws_that_can_act(setup, m):
         free, laws = m.free_parameters(law), np.asarray(state.trial.laws).copy()
         laws[which] = law
+        found.append([])
         for start in m.starts:
             value = state.values
             for p, own in zip(m.parameters, start, strict=True):
                 if not p.fixed:
                     i = where[f"{name}.{p.name}"]
                     value[i] = own * _unit(setup, p) if p in free else null[i]
-            trials.append(trial_at(setup, value, laws))
-    return at_rest(setup, split, trials)
+            found[-1].append(trial_at(setup, value, laws))
+    return found
 
 
 def in_order(state: State, first: str, split: Split) -> State:
