@@ -55,11 +55,12 @@ def exchanged(
 def _laws_again(state: State, split: Split, rules: Evidence, patience: Patience) -> State:
     """Every name under the law that does best beside the others, from where they stand, as long as something changes
     and they are away from the noise or one asks for more than its law allows: the law of another may be wrong then.
+    Each is asked once however long it takes: that often is all that is amiss where a search has run out of patience.
     """
-    for _ in range(_PASSES):
+    for turn in range(_PASSES):
         before = state
         for name in state.names:
-            if not (_is_far(state, split) or strained(state)) or patience.over():
+            if not (_is_far(state, split) or strained(state)) or (turn and patience.over()):
                 return state
             other = under_every_law(state, name, split)
             if is_better(other, state, split, rules):
@@ -103,7 +104,7 @@ def _each_exchanged(
                 hopeless.add((name, other))
                 continue
             same = other != name and alike(after, state)
-            if same and far:  # the laws of the others were chosen beside what was named
+            if same and far and not patience.over():  # the laws of the others were chosen beside what was named
                 after = _laws_again(after, split, rules, patience)
             if not (same or is_better(after, state, split, rules)):
                 continue

@@ -139,6 +139,24 @@ def test_away_from_the_noise_laws_change_first_where_all_stand(swaps, monkeypatc
     assert asked == [("a", 100.0), ("e", 70.0), ("a", 70.0), ("e", 70.0)]
 
 
+def test_out_of_patience_every_name_is_still_asked_for_its_law_once(swaps, monkeypatch):
+    """A wrong law may be all that is amiss where a search took too long."""
+    monkeypatch.setattr(exchange, "at_noise", lambda *_: False)
+    asked = []
+
+    def under_every_law(s, name, _):
+        asked.append(name)
+        return again(s, s.cost - 10.0)
+
+    monkeypatch.setattr(exchange, "under_every_law", under_every_law)
+    patience = Patience(0.0)
+    found = exchanged(chosen(("a", "e"), 100.0), None, None, Evidence(), CATALOGUE, patience)  # type: ignore[arg-type]
+    assert asked == ["a", "e"]
+    assert found.state.cost == 80.0
+    assert swaps.tried == []
+    assert patience.ended
+
+
 def test_a_wrong_law_beside_a_fitted_rest_is_put_right():
     """A loss by radiation held under the law of a power, from where that fit came to rest."""
 
