@@ -25,6 +25,7 @@ from scpjax.physics.mechanism import Mechanism
 from scpjax.physics.terms import Term
 
 _LEARNED = ("learned_heat", "learned_force", "learned_reading")
+_READING = "learned_reading"
 _CHUNK = 5  # terms in one linearisation, and so the most in a closure
 _ROUNDS = 2  # of adding up to three terms at a time
 _SETS = 12  # fitted in a round
@@ -166,6 +167,11 @@ def _round(
     if not found:
         return None
     best, keys = max(found, key=lambda f: f[0].delta_bic)
+    if place_of(keys[0]).startswith(_READING):  # where they are not told apart it is rather what is measured that acts
+        acting = [f for f in found if not place_of(f[1][0]).startswith(_READING) and len(f[1]) <= len(keys)]
+        for c, others in sorted(acting, key=lambda f: -f[0].delta_bic)[:1]:
+            if not compare(c.state, best.state, "closure", "", split, rules, 0).accepted:
+                best, keys = c, others
     for c, fewer in sorted(found, key=lambda f: len(f[1])):  # as few terms as do as well
         if len(fewer) < len(keys) and place_of(fewer[0]) == place_of(keys[0]):
             more = len(keys) - len(fewer)

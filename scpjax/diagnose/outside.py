@@ -15,7 +15,7 @@ from scpjax.diagnose.reaction import Reaction, reacting
 from scpjax.diagnose.result import Latent
 from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State, misfit, without
-from scpjax.fit.identifiability import estimates, held_back, uncertainty
+from scpjax.fit.identifiability import at_limit, estimates, held_back, uncertainty
 
 AT_NOISE = 1.15  # ratio of residual to noise, in some column, up to which nothing more is asked for
 _LITTLE_LEFT = 0.05  # of the held-out misfit in excess of the noise: what names may leave unsought
@@ -99,11 +99,14 @@ def beyond_names(
 
     Names are false if a closure without them does far better on the held-out misfit, and explains nearly all of it or
     they leave much; or if they leave much that stands clearly above the noise, where that is so small that no simple
-    law comes near it more than half; or if they ask for more than their laws allow. A closure is learned beyond the
-    names that stay; in their balances, as a correction of their laws, where they leave little. A last name that came
-    where little was left is false if such a correction does better in its place, and so is one of which beside the
-    closure nothing stays.
+    law comes near it more than half; or if they ask for more than their laws allow; or, where they leave little, if one
+    acts at once and a closure alone comes down to the noise. A closure is learned beyond the names that stay; in their
+    balances, as a correction of their laws, where they leave little. A last name that came where little was left is
+    false if such a correction does better in its place, and so is one of which beside the closure nothing stays.
     """
+    alone = _instead_of_at_once(base, choice.state, parts, rules) if form_at_most(base, choice.state, parts) else None
+    if alone is not None:
+        return _outdone(choice, base, parts), alone
     ends = _asking_for_more(choice.state, parts)
     if ends:
         fewer, learned = _without_them(parts, base, _fewer(choice, ends, base, parts), rules, where)
@@ -142,6 +145,11 @@ def _told_of(choice: Choice, before: Choice, ends: tuple[str, ...], base: State,
     return replace(choice, given_up=(names, left), overstretched=ends)
 
 
+def _outdone(before: Choice, base: State, parts: Split) -> Choice:
+    """Nothing named, as what was learned in the place of the names does better."""
+    return _told_of(Choice(base, before.ranking, {}, {}, outdone=True), before, (), base, parts)
+
+
 def _beyond(
     parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str]
 ) -> tuple[Choice, Beyond | None]:
@@ -156,8 +164,7 @@ def _beyond(
             return choice, corrected
         reaction = _one_reaction(base, choice.state, parts, rules)
         if reaction is not None:
-            outdone = Choice(base, choice.ranking, {}, {}, outdone=True)
-            return _told_of(outdone, choice, (), base, parts), reaction
+            return _outdone(choice, base, parts), reaction
         return choice, corrected
     alone = closure(base, parts, rules, where)
     if not choice.state.names:
@@ -189,11 +196,12 @@ def _nothing_stays(state: State, name: str, parts: Split, *, at_least_only: bool
 def form_rather_than_name(parts: Split, base: State, choice: Choice, rules: Evidence) -> tuple[Choice, Beyond | None]:
     """What is to be said when the names reach the noise: a last name that came where little was left is false if a
     correction of the form of the others' laws has more evidence in its place and predicts better. So are all where one
-    asks for more than its law allows, if a closure that is none of them predicts better, and several about the heat of
-    which a reaction alone does better.
+    asks for more than its law allows or acts at once, if a closure that is none of them predicts better, and several
+    about the heat of which a reaction alone does better.
     """
     ends = _asking_for_more(choice.state, parts)
-    alone = _in_place_of(base, choice.state, parts, rules) if ends else None
+    alone = _in_place_of(base, choice.state, parts, rules, _balances(choice.state)) if ends else None
+    alone = alone or _instead_of_at_once(base, choice.state, parts, rules)
     alone = alone or _one_reaction(base, choice.state, parts, rules)
     if alone is not None:
         return _told_of(Choice(base, choice.ranking, {}, {}, outdone=not ends), choice, ends, base, parts), alone
@@ -215,14 +223,28 @@ def _asking_for_more(state: State, parts: Split) -> tuple[str, ...]:
     return tuple(n for n in state.names if n in found)
 
 
-def _in_place_of(base: State, state: State, parts: Split, rules: Evidence) -> Beyond | None:
-    """A closure that is none of the names of a hypothesis, reaches the noise, and predicts the held-out stretches
-    better. Such names being unlikely, it need not have more evidence.
+def _acting_at_once(state: State) -> tuple[str, ...]:
+    """Names of which a time stands at the lower end of its bounds: what they delay is delayed by nothing, and a force
+    that follows the drive itself may be imitated.
+    """
+    quickest = at_limit(state.trial, state.setup.space) & np.asarray(state.trial.active)
+    quickest &= np.asarray(state.trial.free[:-1]) < 0.0
+    found = {s.mechanism for s in state.setup.structure.slots if quickest[s.index] and s.parameter.time}
+    return tuple(n for n in state.names if n in found)
+
+
+def _instead_of_at_once(base: State, state: State, parts: Split, rules: Evidence) -> Beyond | None:
+    """A closure anywhere that explains the same as names one of which acts at once, and better."""
+    return _in_place_of(base, state, parts, rules) if _acting_at_once(state) else None
+
+
+def _in_place_of(base: State, state: State, parts: Split, rules: Evidence, where: Sequence[str] = ()) -> Beyond | None:
+    """A closure ``where`` it may stand (anywhere when none is given) that is none of the names of a hypothesis, reaches
+    the noise, and predicts the held-out stretches better. Such names being unlikely, it need not have more evidence.
     """
     squares = lambda s: float(np.sum(s.residual[parts.is_held] ** 2))  # noqa: E731
-    where = _balances(state)
     found: list[Beyond | None] = [f(base, parts, rules, where) for f in (bend, learn)]
-    if "thermoelectric" in where:
+    if not where or "thermoelectric" in where:
         found.append(reacting(base, parts, rules))
     able = [
         f

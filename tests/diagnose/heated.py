@@ -37,16 +37,17 @@ def recorded(
     stiff: Callable[[float], float] = lambda temperature: 1.0,
     quiet: float = 1.0,
     drive: np.ndarray = DRIVE,
+    attraction: float = 0.0,
 ) -> Recording:
     """Made by scipy: a plant with one more heat flow out of the wire [W], and a spring as stiff as told, from rest;
-    ``quiet`` times the noise, under ``drive`` [V]."""
+    ``quiet`` times the noise, under ``drive`` [V], whose turns attract each other with ``attraction`` [N/V^2]."""
     k, b, m = (BASE[n] for n in ("elastic_spring.stiffness", "viscous_damping.damping", "inertia.mass"))
     z, path = np.zeros(3), [np.zeros(3)]
     for i, gap in enumerate(np.diff(TIME)):
 
         def rates(t, z, i=i):
             power = drive[i] ** 2 * BASE["joule_heating.gain"] - LOSS * z[0] - heat(t, z[0], z[1])
-            pull = BASE["thermal_actuation.coefficient"] * z[0] - k * stiff(z[0]) * z[1]
+            pull = BASE["thermal_actuation.coefficient"] * z[0] - k * stiff(z[0]) * z[1] + attraction * drive[i] ** 2
             return [power / MASS, z[2], (pull - b * z[2]) / m]
 
         z = scipy.integrate.solve_ivp(rates, (TIME[i], TIME[i] + gap), z, rtol=1e-8, atol=1e-10).y[:, -1]

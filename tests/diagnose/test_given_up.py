@@ -1,11 +1,12 @@
 """Names beside a closure: given up for it, corrected by it, or kept, as what they leave says."""
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnose.heated import LOSS, base_of, lacking_in, recorded, rubbed
+from diagnose.heated import LOSS, base_of, lacking_in, nothing, recorded, rubbed
 
 from scpjax.diagnose import outside
 from scpjax.diagnose.answer import TRUSTED, _nearest, answer
@@ -98,6 +99,7 @@ def test_names_that_leave_little_are_corrected_in_their_balance_near_the_noise(m
     base = replace(base, residual=base.residual * 20.0 * far)
     assert form_at_most(base, named, parts)
     asked = []
+    monkeypatch.setattr(outside, "_acting_at_once", lambda _: ())
     monkeypatch.setattr(outside, "form", lambda state, _parts, _rules, where: asked.append((state, list(where))))
     choice, learned = beyond_names(parts, base, Choice(named, (), {}, {}), Evidence(), ["sensor"])
     assert choice.state is named
@@ -109,6 +111,7 @@ def test_a_name_of_which_nothing_stays_beside_the_closure_is_taken_out(monkeypat
     base, parts = rubbed()
     named = added(added(base, "ambient_drift", parts), "sensor_lag", parts)
     learned = SimpleNamespace(state=named)
+    monkeypatch.setattr(outside, "_acting_at_once", lambda _: ())
     monkeypatch.setattr(outside, "closure", lambda *_: learned)
     monkeypatch.setattr(outside, "_CLEARLY", np.inf)
     monkeypatch.setattr(outside, "_FAR_BETTER", 0.0)
@@ -139,6 +142,7 @@ def test_a_name_that_the_data_do_not_tell_from_none_beside_the_closure_is_taken_
     values[setup.structure.index["ambient_drift.drift"]] = drift
     trial = setup.trial(values, np.asarray(named.trial.active), np.asarray(named.trial.laws), len(named.trial.index))
     learned = SimpleNamespace(state=replace(named, trial=trial))
+    monkeypatch.setattr(outside, "_acting_at_once", lambda _: ())
     monkeypatch.setattr(outside, "form" if corrects else "closure", lambda *_: learned)
     monkeypatch.setattr(outside, "_CLEARLY", np.inf)
     monkeypatch.setattr(outside, "_FAR_BETTER", 0.0)
@@ -186,6 +190,22 @@ def test_a_name_that_asks_for_more_than_its_law_allows_is_not_given():
     assert choice.overstretched == ("nonlinear_heat_loss",)
     assert isinstance(learned, Learned)
     assert learned.terms == ("learned_heat.Tx2",)
+
+
+def test_a_delay_of_no_time_is_no_name_where_a_force_follows_the_drive():
+    """Turns that attract each other at once pull as a second node would that follows the power without delay."""
+    base, parts = base_of(recorded(nothing, attraction=0.005))
+    named = added(base, "two_node_thermal", parts)
+    assert 2.0 * level(named, parts) < level(base, parts)
+    for told in (form_rather_than_name, partial(beyond_names, where=())):  # at the noise, and away from it
+        choice, learned = told(parts, base, Choice(named, (), {"two_node_thermal": 1.0}, {}), Evidence())
+        assert choice.state is base
+        assert choice.outdone
+        assert isinstance(learned, Learned)
+        assert learned.terms == ("learned_force.u",)
+    slow, parts = base_of(recorded(lambda _t, temperature, _x: 0.6 * LOSS * temperature * abs(temperature) / 30.0))
+    loss = added(slow, "nonlinear_heat_loss", parts)
+    assert outside._acting_at_once(loss) == ()
 
 
 def test_away_from_the_noise_it_is_given_up_and_the_note_says_why(monkeypatch):
