@@ -19,9 +19,17 @@ _MUCH = 0.5  # of the fall of the sum of squares that the closest one makes
 
 
 def try_all(
-    state: State, split: Split, rules: Evidence, catalogue: Setup, *, max_steps: int, tell: Callable[[str], None]
+    state: State,
+    split: Split,
+    rules: Evidence,
+    catalogue: Setup,
+    *,
+    max_steps: int,
+    tell: Callable[[str], None],
+    contenders: Sequence[str] = (),
 ) -> list[Comparison]:
-    """Every mechanism not yet in: all its laws and starts screened, what promises something fitted; best law of each.
+    """Every mechanism not yet in: all its laws and starts screened, what promises something fitted (``contenders`` for
+    an earlier name whatever they promise); best law of each.
 
     The best law is the one with evidence for it: a wider one fits the training part better and may predict worse.
     """
@@ -29,7 +37,7 @@ def try_all(
     promises = screen(state, split, catalogue, candidates)
     bent = np.any(misfit(state, split) > _STRAIGHT)
     begun = fresh(state, split, catalogue, candidates) if bent else None
-    fitted = contested(state, fit_promising(state, split, promises, begun, max_steps, tell), split)
+    fitted = contested(state, fit_promising(state, split, promises, begun, max_steps, tell, contenders), split)
     out = []
     for promise in promises:
         m = promise.mechanism

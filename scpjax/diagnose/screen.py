@@ -168,12 +168,14 @@ def fit_promising(
     begun: Fresh | None,
     max_steps: int,
     tell: Callable[[str], None],
+    contenders: Sequence[str] = (),
 ) -> dict[str, dict[int, State]]:
     """By mechanism and law, the hypotheses with one mechanism more that were worth fitting; `fresh` ones among them.
 
     A promise is linear in what the base parameters can imitate: the right mechanism may promise less than others do.
     Where nothing that promised something comes near the noise, the others are fitted too, as the first name, beside the
-    base as the data suggested it at first.
+    base as the data suggested it at first. Beside names, which may have been bent to imitate it, a mechanism may promise
+    nothing at all: those that contended with the first name (``contenders``) are fitted too, all beginning anew.
     """
     fits = _Fits(state, split, begun, max_steps, tell)
     make_room()
@@ -192,10 +194,13 @@ def fit_promising(
         if promise.mechanism.name in fits.found or (i >= most and enough and not _is(promise, begun)):
             continue
         fits.add(promise)
-    if not state.names and not fits.reach(_LOST):
-        for promise in promises:
-            if promise.mechanism.name not in fits.found and not fits.explained:
-                fits.add(promise, bent=False)
+    if state.names:
+        others = [p for p in promises if p.mechanism.name in contenders]
+    else:
+        others = [] if fits.reach(_LOST) else promises
+    for promise in others:
+        if promise.mechanism.name not in fits.found and not fits.explained:
+            fits.add(promise, bent=False)
     return fits.found
 
 

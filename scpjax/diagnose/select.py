@@ -28,6 +28,7 @@ _SURE = 2  # rounds that are gone however long they take: without a second name 
 _WAYS = 2  # gone at a time
 _ATTEMPTS = 4  # names tried for them
 _OTHERS = 2  # gone where the best one ends away from the noise
+_CONTENDERS = 3  # for the first name, which are tried beside it whatever they promise there
 
 
 @dataclass(frozen=True)
@@ -188,8 +189,15 @@ class _Tried:
 
 def _tried(search: _Search, way: _Branch, round_: int, tell: Callable[[str, int], None]) -> _Tried:
     split, rules = search.split, search.rules
+    first = [r for r in way.ranking if r.round == 1 and r.delta_bic > rules.bic and r.name not in way.state.names]
     tried = try_all(
-        way.state, split, rules, search.catalogue, max_steps=search.max_steps, tell=lambda text: tell(text, round_)
+        way.state,
+        split,
+        rules,
+        search.catalogue,
+        max_steps=search.max_steps,
+        tell=lambda text: tell(text, round_),
+        contenders=[r.name for r in sorted(first, key=lambda r: -r.delta_bic)[:_CONTENDERS]],
     )
     p = probabilities(tried)
     ranked = (Ranked(c.added, c.delta_bic, c.held_out_gain, p[c.added], c.law, round_) for c in tried)

@@ -69,9 +69,10 @@ def test_a_wider_law_of_a_name_has_to_be_better_no_more(monkeypatch, better, law
     assert candidates._best_law(m, found[2:], None, Evidence()).law == "other"  # type: ignore[arg-type]
 
 
-def fitted(monkeypatch, taken, abreast, *, near, names=()):
+def fitted(monkeypatch, taken, abreast, *, near, names=(), contenders=(), explains=""):
     """Which of 14 mechanisms are fitted, each taking a share away; ``abreast`` of those behind the first promise nearly
-    what it does, the rest half of it. ``near``: whether the hypothesis is near the noise."""
+    what it does, the rest half of it. ``near``: whether the hypothesis is near the noise; ``explains``: what reaches
+    it."""
     tried = []
     state = SimpleNamespace(names=names, cost=10_100.0, setup=None)
     split = SimpleNamespace(is_train=np.ones(100, bool), train=None)
@@ -80,7 +81,7 @@ def fitted(monkeypatch, taken, abreast, *, near, names=()):
         for i in range(14)
     ]
     problem = SimpleNamespace(space=None)
-    monkeypatch.setattr(screen, "at_noise", lambda *_: near)
+    monkeypatch.setattr(screen, "at_noise", lambda s, *_: near if s is state else tried[-1] == explains)
     monkeypatch.setattr(screen, "grown", lambda setup, m: tried.append(m.name) or problem)
     start = SimpleNamespace(law=0, laws=None)
     monkeypatch.setattr(screen, "starts_with", lambda *_: [start])
@@ -90,9 +91,10 @@ def fitted(monkeypatch, taken, abreast, *, near, names=()):
         monkeypatch.setattr(screen, name, lambda *_: [None])
     monkeypatch.setattr(screen, "solve_all", lambda *_, **__: ([], np.array([10_100.0 - taken * 10_000.0]), None))
     monkeypatch.setattr(screen, "go_on", lambda problem, split, solved, cost, *_: (solved, cost))
-    monkeypatch.setattr(screen, "_by_law", lambda *_: {})
-    screen.fit_promising(state, split, promises, None, 40, lambda text: None)  # type: ignore[arg-type]
-    assert tried == [f"m{i}" for i in range(len(tried))]
+    monkeypatch.setattr(screen, "_by_law", lambda *_: {0: None})
+    screen.fit_promising(state, split, promises, None, 40, lambda text: None, contenders)  # type: ignore[arg-type]
+    promised = [f"m{i}" for i in range(14)][: len([n for n in tried if n not in contenders[:1]])]
+    assert tried == promised + [n for n in contenders[:1] if n in tried]
     return len(tried)
 
 
@@ -106,6 +108,16 @@ def test_twice_as_many_are_fitted_where_none_explains_much_or_others_promise_as_
 def test_where_no_first_name_comes_near_the_noise_all_are_fitted(monkeypatch):
     assert fitted(monkeypatch, 0.9, 0, near=False) == 14
     assert fitted(monkeypatch, 0.9, 0, near=False, names=("a",)) == 6
+
+
+def test_what_contended_with_the_first_name_is_fitted_beside_it_whatever_it_promises(monkeypatch):
+    """Not once something explains everything, and not twice."""
+    beside = ("m13", "m0")
+    count = fitted(monkeypatch, 0.9, 0, near=True, names=("a",))
+    assert fitted(monkeypatch, 0.9, 0, near=True, names=("a",), contenders=beside) == count + 1
+    last = f"m{count - 1}"
+    assert fitted(monkeypatch, 0.9, 0, near=True, names=("a",), contenders=beside, explains=last) == count
+
 
 
 @pytest.mark.parametrize(("square", "looked"), [(1.0, False), (1.2, False), (4.0, True)])
