@@ -35,11 +35,14 @@ _WEAK = 8  # terms of which each is tried out, at most
 
 @dataclass(frozen=True)
 class Learned:
-    """A closure found: the hypothesis that holds it, and the evidence."""
+    """A closure found: the hypothesis that holds it, and the evidence; ``instead``: the terms of a sensor's reading
+    from which the first of its own are not told apart.
+    """
 
     state: State
     terms: tuple[str, ...]  # keys
     evidence: Comparison
+    instead: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -61,12 +64,14 @@ def learn(state: State, split: Split, rules: Evidence, subsystems: Sequence[str]
     before = current = _carried(problem, state)
     every = offers(problem)
     chosen: tuple[str, ...] = ()
+    instead: tuple[str, ...] = ()
     for _ in range(_ROUNDS):
         room = [o for o in every if o.key not in chosen and (not chosen or o.place == place_of(chosen[0]))]
         found = _round(problem, current, split, rules, chosen, room)
         if found is None:
             break
-        current, chosen, _ = found
+        current, chosen, reading = found
+        instead = instead or reading
         if at_noise(current, split, 1.1):
             break
     if not chosen:
@@ -75,7 +80,7 @@ def learn(state: State, split: Split, rules: Evidence, subsystems: Sequence[str]
     whole = compare(before, current, "closure", "", split, rules, len(chosen))
     if not whole.accepted or (_steep(problem, chosen) and not integrable(current, split, before)):
         return None
-    return Learned(current, chosen, whole)
+    return Learned(current, chosen, whole, instead)
 
 
 def _steep(problem: Setup, chosen: Sequence[str]) -> bool:
@@ -153,8 +158,11 @@ def _moving(problem: Setup, state: State, keys: Sequence[str]) -> Trial:
 
 def _round(
     problem: Setup, state: State, split: Split, rules: Evidence, chosen: tuple[str, ...], room: Sequence[_Offer]
-) -> tuple[State, tuple[str, ...], Comparison] | None:
-    """The best set of further terms, fitted; None when none has evidence."""
+) -> tuple[State, tuple[str, ...], tuple[str, ...]] | None:
+    """(with the best set of further terms fitted, all terms, a sensor's that do as well); None when none has evidence.
+
+    Where a force or a heat and a sensor's reading are not told apart, it rather is what is measured that acts.
+    """
     free = len(state.trial.index) - int(np.asarray(state.trial.active).sum())
     sets = _promising_sets(problem, state, split, room, min(free, 3))
     if not sets:
@@ -167,18 +175,19 @@ def _round(
     if not found:
         return None
     best, keys = max(found, key=lambda f: f[0].delta_bic)
-    if place_of(keys[0]).startswith(_READING):  # where they are not told apart it is rather what is measured that acts
+    instead: tuple[str, ...] = ()
+    if place_of(keys[0]).startswith(_READING):
         acting = [f for f in found if not place_of(f[1][0]).startswith(_READING) and len(f[1]) <= len(keys)]
-        for c, others in sorted(acting, key=lambda f: -f[0].delta_bic)[:1]:
-            if not compare(c.state, best.state, "closure", "", split, rules, 0).accepted:
-                best, keys = c, others
+        other = max(acting, key=lambda f: f[0].delta_bic, default=None)
+        if other and not compare(other[0].state, best.state, "closure", "", split, rules, 0).accepted:
+            (best, keys), instead = other, keys
     for c, fewer in sorted(found, key=lambda f: len(f[1])):  # as few terms as do as well
         if len(fewer) < len(keys) and place_of(fewer[0]) == place_of(keys[0]):
             more = len(keys) - len(fewer)
             if not compare(c.state, best.state, "closure", "", split, rules, more).accepted:
                 best, keys = c, fewer
                 break
-    return best.state, chosen + keys, best
+    return best.state, chosen + keys, instead
 
 
 def _fitted(problem: Setup, state: State, split: Split, sets: Sequence[tuple[str, ...]]) -> list[State]:

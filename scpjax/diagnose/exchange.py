@@ -23,6 +23,7 @@ _BY_PROMISE, _BY_RANK = 2, 1  # tried in the place of a name
 _BY_PROMISE_FAR = 4  # where what is named ends away from the noise
 _PASSES = 2
 _HOPELESS = 4.0  # sum of squares, in units of that of what it should replace, from which it is not tried again
+_NEAR = 1.3**2  # mean square, in units of the noise's, up to which names are near it
 _PROMISE = 0.3  # of what the name promises beside the others, which one that is tried must promise at least
 
 
@@ -31,7 +32,8 @@ def exchanged(
 ) -> Choice:
     """The choice with names in whose place another does better beside the rest, or predicts the same with fewer
     parameters, and as equivalents those that do as well; nothing for a single name, which its own round has compared.
-    Away from the noise no name is asked for out of ``patience``.
+    Away from the noise no name is asked for out of ``patience``, unless they are near it: what they then are told as
+    may hang on what is as good in their place.
 
     Away from the noise, or where a parameter stands at its limit, every name is asked for its law again first, where
     all stand and beside the rest without it, and once more where that has changed.
@@ -92,7 +94,9 @@ def _each_exchanged(
             continue
         far = _is_far(state, split)
         if far and patience.over():
-            break
+            if not at_noise(state, split, _NEAR):
+                break
+            far = False
         bare = without(state, name, split)
         found: dict[str, State] = {name: state}
         others = in_its_place(name, bare, choice.ranking, split, rules, catalogue, far=far)

@@ -42,6 +42,21 @@ def stands_for(place: str, variables: Sequence[str]) -> tuple[str, str, str]:
     return what, unit, subsystem
 
 
+def _instead(found: Learned) -> tuple[str, ...]:
+    """What a closure is not told from, as "displacement reads too much by = s(T, u)"."""
+    if not found.instead:
+        return ()
+    variables = _variables(found, found.instead)
+    symbols = [SYMBOLS["effort" if v == "drive" else v] for v in variables]
+    return (f"{stands_for(place_of(found.instead[0]), variables)[0]} = s({', '.join(symbols)})",)
+
+
+def _variables(found: Learned, keys: Sequence[str]) -> list[str]:
+    """What some of the terms on offer depend on."""
+    terms = {o.key: o.term for o in offers(found.state.setup)}
+    return [*dict.fromkeys(v for key in keys for v in terms[key].variables)]
+
+
 def in_words(found: Curve) -> str:
     """What stands for what, as "heat lost = T s(x)"."""
     return f"{stands_for(found.place, variables_of(found))[0]} = {found.form.name}"
@@ -78,7 +93,7 @@ def describe(found: Learned, every: Mapping[str, Estimate], values: Mapping[str,
     reference = references(problem)
     scale = scale_of(place, values, reference["reference_temperature"], reference["reference"])
     own_units = shown(problem.structure.drive)
-    variables = [*dict.fromkeys(v for key in found.terms for v in terms[key].variables)]
+    variables = _variables(found, found.terms)
     what, unit, subsystem = stands_for(place, variables)
     pieces, in_si = [], {}
     for key in found.terms:
@@ -100,6 +115,7 @@ def describe(found: Learned, every: Mapping[str, Estimate], values: Mapping[str,
         in_si,
         found.evidence.held_out_gain,
         found.evidence.delta_bic,
+        equivalents=_instead(found),
     )
 
 

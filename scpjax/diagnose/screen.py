@@ -174,8 +174,9 @@ def fit_promising(
 
     A promise is linear in what the base parameters can imitate: the right mechanism may promise less than others do.
     Where nothing that promised something comes near the noise, the others are fitted too, as the first name, beside the
-    base as the data suggested it at first. Beside names, which may have been bent to imitate it, a mechanism may promise
-    nothing at all: those that contended with the first name (``contenders``) are fitted too, all beginning anew.
+    base as the data suggested it at first. Beside names, which may have been bent to imitate it, the right one may
+    promise nothing at all: those that contended with the first name (``contenders``) are fitted too, all beginning
+    anew.
     """
     fits = _Fits(state, split, begun, max_steps, tell)
     make_room()

@@ -77,7 +77,14 @@ def swaps(monkeypatch):
     return SimpleNamespace(costs=costs, promise=promise, tried=tried, fresh=fresh, width=width)
 
 
-def test_out_of_patience_only_names_at_the_noise_are_exchanged(swaps, monkeypatch):
+@pytest.mark.parametrize(("square", "tried"), [(1.5, True), (1.8, False)])
+def test_out_of_patience_names_near_the_noise_are_exchanged(swaps, monkeypatch, square, tried):
+    monkeypatch.setattr(exchange, "at_noise", lambda s, split, level: square < level)
+    exchanged(chosen(("a", "e"), 100.0), None, None, Evidence(), CATALOGUE, Patience(0.0))  # type: ignore[arg-type]
+    assert bool(swaps.tried) == tried
+
+
+def test_out_of_patience_only_names_near_the_noise_are_exchanged(swaps, monkeypatch):
     choice, patience = chosen(("a", "e"), 100.0), Patience(0.0)
     exchanged(choice, None, None, Evidence(), CATALOGUE, patience)  # type: ignore[arg-type]
     assert swaps.tried

@@ -12,6 +12,7 @@ from scpjax.diagnose import outside
 from scpjax.diagnose.answer import TRUSTED, _nearest, answer
 from scpjax.diagnose.closure import Learned
 from scpjax.diagnose.evidence import Evidence
+from scpjax.diagnose.expression import _instead
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.outside import (
     AT_NOISE,
@@ -203,6 +204,8 @@ def test_a_delay_of_no_time_is_no_name_where_a_force_follows_the_drive():
         assert choice.outdone
         assert isinstance(learned, Learned)
         assert learned.terms == ("learned_force.u",)
+        (instead,) = _instead(learned)
+        assert instead == "displacement reads too much by = s(u)", "a sensor that feels the drive does as well"
     slow, parts = base_of(recorded(lambda _t, temperature, _x: 0.6 * LOSS * temperature * abs(temperature) / 30.0))
     loss = added(slow, "nonlinear_heat_loss", parts)
     assert outside._acting_at_once(loss) == ()

@@ -119,7 +119,6 @@ def test_what_contended_with_the_first_name_is_fitted_beside_it_whatever_it_prom
     assert fitted(monkeypatch, 0.9, 0, near=True, names=("a",), contenders=beside, explains=last) == count
 
 
-
 @pytest.mark.parametrize(("square", "looked"), [(1.0, False), (1.2, False), (4.0, True)])
 def test_a_base_that_leaves_little_has_not_been_bent(monkeypatch, square, looked):
     """Mechanisms are tried from the parameters first suggested only where much is left that a bent base could hide."""
