@@ -82,7 +82,7 @@ def diagnose(
     there = what_there_is(setup.structure, setup.recordings)
     catalogue = grown(setup, *(m for m in left_out() if applicable(m, there)))
     tell("fitting the base model", 0.05)
-    with meanwhile(lambda: None if setup.structure.system else ready(catalogue)):
+    with meanwhile(lambda: None if setup.structure.system else ready(setup, catalogue)):
         parts, base, notes = _base(setup)
     rules, steps = options.evidence, options.max_steps
     found = find_names(base, parts, catalogue, rules, max_steps=steps, patience=patience, progress=tell)

@@ -51,9 +51,7 @@ def screen(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Me
     of one mechanism together promise what their best mixture with no negative share does.
     """
     residual, clean = _beyond_parameters(state.setup, state.trial, split)
-    catalogue = alike(catalogue, state.setup)
-    starts = [s for m in mechanisms for s in starts_with(state, m, catalogue)]
-    simulated, blown = _simulated(starts, split, catalogue)
+    starts, simulated, blown = _simulated(state, split, catalogue, mechanisms)
     changed = clean(simulated - residual)
     target = clean(residual)
     size = np.sqrt(np.sum(changed**2, axis=1))
@@ -84,18 +82,55 @@ def _beyond_parameters(
     return residual, lambda x: x - (x @ imitated) @ imitated.T
 
 
-def _simulated(starts: Sequence[Start], split: Split, catalogue: Setup) -> tuple[np.ndarray, np.ndarray]:
-    """(residuals (starts, m) of the training part, whether a simulation blew up)."""
-    values, laws = np.stack([s.value for s in starts]), np.stack([s.laws for s in starts])
-    flat = residuals_at(values, laws, split.train, catalogue.space).reshape(len(starts), -1)
-    return flat, np.any(np.abs(flat) >= CEILING, axis=1)
+def _simulated(
+    state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Mechanism]
+) -> tuple[list[Start], np.ndarray, np.ndarray]:
+    """(every start of these mechanisms beside a hypothesis, residuals (starts, m) of the training part there, whether a
+    simulation blew up)."""
+    starts: list[Start] = []
+    found = [np.zeros((0, split.train.target.size))]
+    for problem in _simulators(state, catalogue):
+        there = {m.name for m in problem.structure.mechanisms}
+        mine = [s for m in mechanisms if m.name in there for s in starts_with(state, m, problem)]
+        if mine:
+            values, laws = np.stack([s.value for s in mine]), np.stack([s.laws for s in mine])
+            found.append(residuals_at(values, laws, split.train, problem.space).reshape(len(mine), -1))
+            starts += mine
+    flat = np.concatenate(found)
+    return starts, flat, np.any(np.abs(flat) >= CEILING, axis=1)
 
 
-def ready(catalogue: Setup) -> None:
-    """Have the program that simulates candidates loaded or compiled, which takes longest of all when it is new."""
-    residuals_at(
-        catalogue.starts[0][None], np.zeros((1, len(catalogue.structure.mechanisms))), catalogue.data, catalogue.space
-    )
+def _simulators(state: State, catalogue: Setup) -> list[Setup]:
+    """The problems in which candidates beside a hypothesis are simulated: together where others are named already (or
+    differ by recording), as one may be of either half.
+    """
+    if state.names or state.setup.structure.own:
+        return [alike(catalogue, state.setup)]
+    return _halves(state.setup, catalogue)
+
+
+def _halves(base: Setup, catalogue: Setup) -> list[Setup]:
+    """The problem with all candidates that move the load, and that with all others: the program of either is compiled
+    beside the other's, in half the time, and simulates in less than half.
+    """
+    every = [m for m in catalogue.structure.mechanisms if not m.is_base]
+    moves = [m for m in every if m.subsystem == "thermomechanical"]
+    return [grown(base, *half) for half in (moves, [m for m in every if m not in moves]) if half]
+
+
+def ready(base: Setup, catalogue: Setup) -> None:
+    """Have the programs that simulate candidates loaded or compiled, which takes longest of all when they are new."""
+    abreast(_ready, _halves(base, catalogue))
+
+
+def ready_beside_names(catalogue: Setup) -> None:
+    """The same of the program that simulates candidates beside others."""
+    _ready(catalogue)
+
+
+def _ready(problem: Setup) -> None:
+    laws = np.zeros((1, len(problem.structure.mechanisms)))
+    residuals_at(problem.starts[0][None], laws, problem.data, problem.space)
 
 
 @dataclass(frozen=True)
@@ -113,7 +148,6 @@ def fresh(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Mec
     friction) that the mechanism promises nothing there. None where nothing improves by a share worth it.
     """
     setup = state.setup
-    catalogue = alike(catalogue, setup)
     value = setup.starts[0].copy()
     for slot in setup.structure.slots:
         if slot.mechanism not in setup.structure.base:
@@ -122,8 +156,7 @@ def fresh(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Mec
     residual, clean = _beyond_parameters(setup, at.trial, split)
     if np.any(np.abs(residual) >= CEILING):
         return None
-    starts = [s for m in mechanisms for s in starts_with(at, m, catalogue)]
-    simulated, blown = _simulated(starts, split, catalogue)
+    starts, simulated, blown = _simulated(at, split, catalogue, mechanisms)
     after = np.where(blown, np.inf, np.sum(clean(simulated) ** 2, axis=1))
     best = int(np.argmin(after))
     if after[best] > (1 - _WORTH) * np.sum(clean(residual) ** 2):
@@ -141,6 +174,8 @@ _GOOD = 0.75  # of the misfit in excess of the noise: where nothing fitted takes
 # beside others already named wherever nothing has reached the noise
 _ABREAST = 0.8  # of the leader's promise, with which one is fitted too as long as nothing has reached the noise
 _COARSE = 1e-4  # half the fall of the sum of squares in one step, as a share of it, with which a trial need not go on
+_NOISE = 1.05  # sum of squares, in units of that of the noise, up to which a trial has reached it
+_SAME = 1e-3  # share of a sum of squares, by which two trials that have come to the same place may differ
 _LOST = 2.0**2  # mean square, in units of the noise's, down to which a first name comes near the noise
 _STARTS = 8  # of one mechanism, at most
 
@@ -271,10 +306,24 @@ class _Fits:
         coarse = max(TOLERANCE, _COARSE * state.cost)
         solved, cost, _ = solve_all(trials, split.train, problem.space, max_steps=FEW, tolerance=coarse)
         self.lead = max(self.lead, float(state.cost - np.min(cost)))
-        rest, more = np.zeros(len(cost), bool), self.max_steps - FEW
-        solved, cost = go_on(problem, split, solved, cost, rest, state.cost, self.lead, more, nearly)
+        if np.min(cost) < _NOISE * np.sum(split.is_train):  # what is behind can only be a rival
+            nearly = max(nearly, _RIVAL)
+        more = self.max_steps - FEW
+        solved, cost = go_on(
+            problem, split, solved, cost, _where_others_are(solved, cost), state.cost, self.lead, more, nearly
+        )
         solved, least = [*before, *solved], [*costs, *(float(c) for c in cost)]
         return _by_law(m, problem, split, solved, np.asarray(least), state), solved, least
+
+
+def _where_others_are(solved: Sequence[Trial], cost: np.ndarray) -> np.ndarray:
+    """Which of some trials (trials,) have come to where a better one is: as close, by the same laws."""
+    found, ends = np.zeros(len(cost), bool), {}
+    for i in np.argsort(cost, kind="stable"):
+        there = ends.setdefault(tuple(np.asarray(solved[i].laws)), [])
+        found[i] = any(cost[i] - c <= _SAME * c for c in there)
+        there.append(cost[i])
+    return found
 
 
 def _is(promise: Promise, begun: Fresh | None) -> bool:

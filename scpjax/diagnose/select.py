@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import expit
 
-from scpjax.abreast import abreast
+from scpjax.abreast import abreast, meanwhile
 from scpjax.diagnose.candidates import try_all
 from scpjax.diagnose.evidence import Comparison, Evidence, ahead, compare, equals, is_better, probabilities, worthwhile
 from scpjax.diagnose.holdout import Split
@@ -16,6 +17,7 @@ from scpjax.diagnose.laws import other_laws
 from scpjax.diagnose.own import ROOM, own_room, released
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.result import Ranked
+from scpjax.diagnose.screen import ready_beside_names
 from scpjax.diagnose.trials import FAR, State, afresh, at_noise, in_order, without
 from scpjax.fit.setup import Setup
 
@@ -131,7 +133,8 @@ def choose(
             break
         tell("every mechanism", round_)
         rounds.append([_tried(search, way, round_, tell) for way in branches])
-        further = [b for found in rounds[-1] for b in _one_more(search, found)]
+        with meanwhile(partial(_for_more, search, rounds[-1])):
+            further = [b for found in rounds[-1] for b in _one_more(search, found)]
         if not any(at_noise(b.state, split) for b in further):
             tell("what may differ by recording", round_)
             with_room = [b for found in rounds[-1] for b in _with_own_room(search, found)]
@@ -155,6 +158,13 @@ def choose(
         choice = choice if other is None else mend(_choice(other))
     strongest = next((c.added for c in rounds[0][0].accepted if c.added in choice.state.names), None)
     return choice if strongest is None else replace(choice, state=in_order(choice.state, strongest, split))
+
+
+def _for_more(search: _Search, found: Sequence[_Tried]) -> None:
+    """Have the program that a next round needs compiled where there will be one, as it seems."""
+    accepted = [c for tried in found for c in tried.accepted]
+    if accepted and not any(at_noise(c.state, search.split) for c in accepted):
+        ready_beside_names(search.catalogue)
 
 
 def _choice(leader: _Branch) -> Choice:

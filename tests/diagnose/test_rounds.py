@@ -90,6 +90,7 @@ def fitted(monkeypatch, taken, abreast, *, near, names=(), contenders=(), explai
     for name in ("_transfer", "from_their_starts", "trial_at"):
         monkeypatch.setattr(screen, name, lambda *_: [None])
     monkeypatch.setattr(screen, "solve_all", lambda *_, **__: ([], np.array([10_100.0 - taken * 10_000.0]), None))
+    monkeypatch.setattr(screen, "_where_others_are", lambda *_: None)
     monkeypatch.setattr(screen, "go_on", lambda problem, split, solved, cost, *_: (solved, cost))
     monkeypatch.setattr(screen, "_by_law", lambda *_: {0: None})
     screen.fit_promising(state, split, promises, None, 40, lambda text: None, contenders)  # type: ignore[arg-type]
@@ -108,6 +109,28 @@ def test_twice_as_many_are_fitted_where_none_explains_much_or_others_promise_as_
 def test_where_no_first_name_comes_near_the_noise_all_are_fitted(monkeypatch):
     assert fitted(monkeypatch, 0.9, 0, near=False) == 14
     assert fitted(monkeypatch, 0.9, 0, near=False, names=("a",)) == 6
+
+
+def test_of_trials_that_came_to_the_same_place_one_goes_on():
+    """By the same laws: others that are as close may end elsewhere."""
+    laws = ([1.0, 0.0], [1.0, 0.0], [1.0, 1.0], [1.0, 0.0], [1.0, 0.0])
+    trials = [SimpleNamespace(laws=np.array(law)) for law in laws]
+    found = screen._where_others_are(trials, np.array([100.05, 100.0, 100.0, 101.0, np.inf]))  # type: ignore[arg-type]
+    assert found.tolist() == [True, False, False, False, False]
+
+
+@pytest.mark.parametrize(("least", "nearly"), [(500.0, screen.NEARLY), (100.0, screen._RIVAL)])
+def test_once_one_has_reached_the_noise_only_rivals_of_it_go_on(monkeypatch, least, nearly):
+    state = SimpleNamespace(names=(), cost=1000.0)
+    split = SimpleNamespace(is_train=np.ones(100, bool), train=None)
+    told = []
+    monkeypatch.setattr(screen, "solve_all", lambda trials, *_, **__: ([], np.array([least, 700.0]), None))
+    monkeypatch.setattr(screen, "_where_others_are", lambda *_: None)
+    monkeypatch.setattr(screen, "go_on", lambda *args: (told.append(args[-1]), ([], args[3]))[1])
+    monkeypatch.setattr(screen, "_by_law", lambda *_: {})
+    fits = screen._Fits(state, split, None, 40, print)  # type: ignore[arg-type]
+    fits._closest(None, SimpleNamespace(space=None), [None], screen.NEARLY)  # type: ignore[arg-type,list-item]
+    assert told == [nearly]
 
 
 def test_what_contended_with_the_first_name_is_fitted_beside_it_whatever_it_promises(monkeypatch):

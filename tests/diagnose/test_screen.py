@@ -4,8 +4,10 @@ import jax.numpy as jnp
 import numpy as np
 from diagnose.creeping import AMBIENT, BASE
 
+from scpjax.diagnose import screen as screening
 from scpjax.diagnose.holdout import Split, split
-from scpjax.diagnose.screen import fresh, ready, screen
+from scpjax.diagnose.rivals import added
+from scpjax.diagnose.screen import fresh, ready, ready_beside_names, screen
 from scpjax.diagnose.trials import State, from_their_starts, grown, residual_on
 from scpjax.fit import solve
 from scpjax.fit.fit import best_start, refine
@@ -59,17 +61,29 @@ def test_nothing_is_begun_anew_where_nothing_sticks():
     assert found is None or found.mechanism.name != "friction"
 
 
-def test_the_program_made_ready_is_the_one_that_screens(monkeypatch):
+def test_the_programs_made_ready_are_those_that_screen(monkeypatch):
     """A program of other shapes would be compiled in vain."""
     state, parts, catalogue = hypothesis(0.4)
     asked, forward = [], solve._forward
     monkeypatch.setattr(solve, "_forward", lambda *args: (asked.append(key_of(forward, args)), forward(*args))[1])
-    ready(catalogue)
-    assert len(asked) == 1
-    screen(state, parts, catalogue, TRIED)
-    assert len(asked) > 1
-    assert set(asked) == {asked[0]}
-    assert asked[0] is not None
+    ready(state.setup, catalogue)
+    halves = {*asked}
+    assert len(asked) == len(halves) == 2
+    promises = screen(state, parts, catalogue, TRIED)
+    assert {*asked} == halves
+    assert len(asked) > 2
+    assert None not in asked
+    asked.clear()
+    ready_beside_names(catalogue)
+    (whole,) = asked
+    screen(added(state, "friction", parts), parts, catalogue, TRIED[1:])
+    assert {*asked} == {whole}
+    assert whole not in halves
+    # what a half simulates is what all of the catalogue does
+    monkeypatch.setattr(screening, "_simulators", lambda *_: [catalogue])
+    together = {p.mechanism.name: p for p in screen(state, parts, catalogue, TRIED)}
+    for p in promises:
+        np.testing.assert_allclose(p.each, together[p.mechanism.name].each, rtol=1e-6, atol=1e-6)
 
 
 def test_a_fit_may_begin_with_the_base_and_every_mechanism_at_their_starts():

@@ -31,8 +31,10 @@ def played(monkeypatch, misfits: dict[str, float], held_out: dict[str, float] | 
     """
     asked: list[tuple[str, ...]] = []
 
-    def with_one_more(state, split, rules, catalogue, *, max_steps, tell):
+    def with_one_more(state, split, rules, catalogue, *, max_steps, tell, contenders):
         asked.append(state.names)
+        assert not {*contenders} & {*state.names}
+        assert state.names or not contenders
         found = []
         for name in "abcd":
             after = "".join(sorted({*state.names, name}))
@@ -44,6 +46,7 @@ def played(monkeypatch, misfits: dict[str, float], held_out: dict[str, float] | 
         return sorted(found, key=lambda c: -c.delta_bic)
 
     monkeypatch.setattr(select, "try_all", with_one_more)
+    monkeypatch.setattr(select, "ready_beside_names", lambda catalogue: None)
     left = held_out or {}
     monkeypatch.setattr(select, "_held_out", lambda state, split: left.get("".join(sorted(state.names)), 1.0))
     monkeypatch.setattr(select, "own_room", lambda *_: None)
@@ -64,6 +67,30 @@ def played(monkeypatch, misfits: dict[str, float], held_out: dict[str, float] | 
 
 def chosen(misfit: float = 1000.0) -> set[str]:
     return set(select.choose(Played((), misfit), None, Evidence(), None).state.names)  # type: ignore[arg-type]
+
+
+def test_what_had_evidence_for_the_first_name_contends_later(monkeypatch):
+    """Those with most of it; not what had none, nor what is named by then."""
+    played(monkeypatch, {"a": 500.0, "b": 700.0, "c": 995.0, "d": 600.0, "ab": 300.0})
+    told, try_all = [], select.try_all
+
+    def asked(state, *args, contenders, **more):
+        told.append((state.names, contenders))
+        return try_all(state, *args, contenders=contenders, **more)
+
+    monkeypatch.setattr(select, "try_all", asked)
+    chosen()
+    contenders = dict(told)
+    assert [contenders[names] for names in ((), ("a",), ("a", "b"))] == [[], ["d", "b"], ["d"]]
+
+
+def test_the_program_for_a_next_round_is_made_ready_where_there_will_be_one(monkeypatch):
+    for misfits, times in (({"a": 500.0, "ab": 1.0}, 1), ({"a": 1.0}, 0), ({"a": 995.0}, 0)):
+        asked: list[object] = []
+        played(monkeypatch, misfits)
+        monkeypatch.setattr(select, "ready_beside_names", asked.append)
+        chosen()
+        assert len(asked) == times, misfits
 
 
 def test_where_two_are_close_the_next_round_decides(monkeypatch):
@@ -240,12 +267,13 @@ def test_told_first_is_what_alone_explained_most(monkeypatch):
     """``a`` with ``c`` cannot be reached by way of ``a``, which is ahead, but by way of ``c``."""
     played(monkeypatch, {})
 
-    def with_one_more(state, split, rules, catalogue, *, max_steps, tell):
+    def with_one_more(state, split, rules, catalogue, *, max_steps, tell, contenders):
         after = {(): {"a": 500.0, "c": 900.0}, ("c",): {"a": 1.0}}.get(state.names, {})
         found = [(n, Played((*state.names, n), left)) for n, left in after.items()]
         return [Comparison(s, n, "", state.cost - s.cost, 0.5, 50.0, 0.5, True) for n, s in found]
 
     monkeypatch.setattr(select, "try_all", with_one_more)
+    monkeypatch.setattr(select, "ready_beside_names", lambda catalogue: None)
     found = select.choose(Played((), 1000.0), None, Evidence(), None)  # type: ignore[arg-type]
     assert found.state.names == ("a", "c")
     assert found.probability["c"] > 0.99
@@ -256,12 +284,13 @@ def test_another_way_that_only_adds_a_name_has_to_be_worth_it(monkeypatch, worth
     """``c`` beside ``a``, found by way of ``c``, takes a little more away than ``a`` alone."""
     played(monkeypatch, {})
 
-    def with_one_more(state, split, rules, catalogue, *, max_steps, tell):
+    def with_one_more(state, split, rules, catalogue, *, max_steps, tell, contenders):
         after = {(): {"a": 10.0, "c": 900.0}, ("c",): {"a": 8.0}}.get(state.names, {})
         found = [(n, Played((*state.names, n), left)) for n, left in after.items()]
         return [Comparison(s, n, "", state.cost - s.cost, 0.5, 50.0, 0.5, True) for n, s in found]
 
     monkeypatch.setattr(select, "try_all", with_one_more)
+    monkeypatch.setattr(select, "ready_beside_names", lambda catalogue: None)
     monkeypatch.setattr(select, "worthwhile", lambda before, after, *_: worth or before.names != ("a",))
     assert chosen() == names
 
