@@ -157,6 +157,7 @@ _BY_STEPS = 0.25  # of what a closure changes, that may be due to the integrator
 FAR = 1.15**2
 """Mean square, in units of the noise's, above which a hypothesis ends away from it."""
 FEW, NEARLY = 12, 0.2  # steps of all; of the leader's gain after them, with less than which one is left there
+_CHANCE = 2.5  # standard deviations of a mean of squares, which are no misfit
 TOLERANCE = 0.02  # half the fall of the sum of squares in one step with which a trial has come to rest
 
 
@@ -168,8 +169,12 @@ def misfit(state: State, split: Split) -> np.ndarray:
 
 
 def at_noise(state: State, split: Split, level: float = 1.05) -> bool:
-    """Whether the mean square of the residuals is down to the noise in every column, to within ``level``."""
-    return bool(np.all(misfit(state, split) < level))
+    """Whether the mean square of the residuals is down to the noise in every column, to within ``level`` or what chance
+    makes of so many samples: 2.5 standard deviations of a mean of squares, sqrt(2/n) each.
+    """
+    count = (split.is_train | split.is_held).sum(axis=(0, 1))
+    chance = 1.0 + _CHANCE * np.sqrt(2.0 / np.maximum(count, 1))
+    return bool(np.all(misfit(state, split) < np.maximum(level, chance)))
 
 
 def go_on(

@@ -1,10 +1,12 @@
 """Every law of a mechanism has room for what it moves, and none for what only other laws do."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from creeping import slow
 
-from scpjax.diagnose.trials import grown, moving_parameters, trial_at, width
+from scpjax.diagnose.trials import at_noise, grown, moving_parameters, trial_at, width
 from scpjax.fit.setup import prepare
 from scpjax.physics.catalogue import mechanism
 
@@ -25,3 +27,17 @@ def test_as_many_places_as_the_widest_law_needs(names):
         widest = max(widest, len(moves))
     if len(names) == 1:
         assert widest == places
+
+
+@pytest.mark.parametrize("n", [300, 1000, 20_000])
+def test_white_noise_is_at_the_noise_however_few_samples(n):
+    """All but one in a hundred, of two columns; half the noise more is not."""
+    rng, here = np.random.default_rng(n), np.ones((1, n, 2), bool)
+    split = SimpleNamespace(is_train=here, is_held=~here)
+
+    def share(noise):
+        drawn = (SimpleNamespace(residual=noise * rng.standard_normal((1, n, 2))) for _ in range(500))
+        return np.mean([at_noise(state, split) for state in drawn])  # type: ignore[arg-type]
+
+    assert share(1.0) > 0.97
+    assert share(1.25) < 0.01
