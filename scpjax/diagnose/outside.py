@@ -14,7 +14,7 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.reaction import Reaction, reacting
 from scpjax.diagnose.result import Latent
 from scpjax.diagnose.select import Choice
-from scpjax.diagnose.trials import State, misfit, without
+from scpjax.diagnose.trials import State, misfit, strained, without
 from scpjax.fit.identifiability import at_limit, estimates, held_back, uncertainty
 
 AT_NOISE = 1.15  # ratio of residual to noise, in some column, up to which nothing more is asked for
@@ -100,11 +100,12 @@ def beyond_names(
     Names are false if a closure without them does far better on the held-out misfit, and explains nearly all of it or
     they leave much; or if they leave much that stands clearly above the noise, where that is so small that no simple
     law comes near it more than half; or if they ask for more than their laws allow; or, where they leave little, if one
-    acts at once and a closure alone comes down to the noise. A closure is learned beyond the names that stay; in their
-    balances, as a correction of their laws, where they leave little. A last name that came where little was left is
-    false if such a correction does better in its place, and so is one of which beside the closure nothing stays.
+    acts at once, or stands at an end, and a closure alone comes down to the noise. A closure is learned beyond the
+    names that stay; in their balances, as a correction of their laws, where they leave little. A last name that came
+    where little was left is false if such a correction does better in its place, and so is one of which beside the
+    closure nothing stays.
     """
-    alone = _instead_of_at_once(base, choice.state, parts, rules) if form_at_most(base, choice.state, parts) else None
+    alone = _instead_of_doubtful(base, choice.state, parts, rules) if form_at_most(base, choice.state, parts) else None
     if alone is not None:
         return _outdone(choice, base, parts), alone
     ends = _asking_for_more(choice.state, parts)
@@ -196,12 +197,12 @@ def _nothing_stays(state: State, name: str, parts: Split, *, at_least_only: bool
 def form_rather_than_name(parts: Split, base: State, choice: Choice, rules: Evidence) -> tuple[Choice, Beyond | None]:
     """What is to be said when the names reach the noise: a last name that came where little was left is false if a
     correction of the form of the others' laws has more evidence in its place and predicts better. So are all where one
-    asks for more than its law allows or acts at once, if a closure that is none of them predicts better, and several
-    about the heat of which a reaction alone does better.
+    asks for more than its law allows or acts at once, if a closure that is none of them predicts better; a single one
+    with a parameter at its end, if one does better; and several about the heat of which a reaction alone does better.
     """
     ends = _asking_for_more(choice.state, parts)
     alone = _in_place_of(base, choice.state, parts, rules, _balances(choice.state)) if ends else None
-    alone = alone or _instead_of_at_once(base, choice.state, parts, rules)
+    alone = alone or _instead_of_doubtful(base, choice.state, parts, rules)
     alone = alone or _one_reaction(base, choice.state, parts, rules)
     if alone is not None:
         return _told_of(Choice(base, choice.ranking, {}, {}, outdone=not ends), choice, ends, base, parts), alone
@@ -233,9 +234,15 @@ def _acting_at_once(state: State) -> tuple[str, ...]:
     return tuple(n for n in state.names if n in found)
 
 
-def _instead_of_at_once(base: State, state: State, parts: Split, rules: Evidence) -> Beyond | None:
-    """A closure anywhere that explains the same as names one of which acts at once, and better."""
-    return _in_place_of(base, state, parts, rules) if _acting_at_once(state) else None
+def _instead_of_doubtful(base: State, state: State, parts: Split, rules: Evidence) -> Beyond | None:
+    """A closure anywhere that explains the same as names one of which acts at once, and better; or as a single name of
+    which a parameter stands at its end, where it has more evidence too.
+    """
+    at_once = bool(_acting_at_once(state))
+    if not (at_once or (len(state.names) == 1 and strained(state))):
+        return None
+    found = _in_place_of(base, state, parts, rules)
+    return found if found is None or at_once or is_better(found.state, state, parts, rules) else None
 
 
 def _in_place_of(base: State, state: State, parts: Split, rules: Evidence, where: Sequence[str] = ()) -> Beyond | None:

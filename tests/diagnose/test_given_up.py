@@ -193,22 +193,31 @@ def test_a_name_that_asks_for_more_than_its_law_allows_is_not_given():
     assert learned.terms == ("learned_heat.Tx2",)
 
 
-def test_a_delay_of_no_time_is_no_name_where_a_force_follows_the_drive():
-    """Turns that attract each other at once pull as a second node would that follows the power without delay."""
+def test_a_delay_of_no_time_is_no_name_where_a_force_follows_the_drive(monkeypatch):
+    """Turns that attract each other at once pull as a second node would that follows the power without delay; nor is
+    one such a name of which another parameter stands at its end, but only where the force has more evidence.
+    """
     base, parts = base_of(recorded(nothing, attraction=0.005))
     named = added(base, "two_node_thermal", parts)
     assert 2.0 * level(named, parts) < level(base, parts)
+    found = outside._in_place_of(base, named, parts, Evidence())
+    assert isinstance(found, Learned)
+    assert found.terms == ("learned_force.u",)
+    (instead,) = _instead(found)
+    assert instead == "displacement reads too much by = s(u)", "a sensor that feels the drive does as well"
+    monkeypatch.setattr(outside, "_in_place_of", lambda *_: found)
     for told in (form_rather_than_name, partial(beyond_names, where=())):  # at the noise, and away from it
         choice, learned = told(parts, base, Choice(named, (), {"two_node_thermal": 1.0}, {}), Evidence())
         assert choice.state is base
         assert choice.outdone
-        assert isinstance(learned, Learned)
-        assert learned.terms == ("learned_force.u",)
-        (instead,) = _instead(learned)
-        assert instead == "displacement reads too much by = s(u)", "a sensor that feels the drive does as well"
-    slow, parts = base_of(recorded(lambda _t, temperature, _x: 0.6 * LOSS * temperature * abs(temperature) / 30.0))
-    loss = added(slow, "nonlinear_heat_loss", parts)
-    assert outside._acting_at_once(loss) == ()
+        assert learned is found
+    slow, its = base_of(recorded(lambda _t, temperature, _x: 0.6 * LOSS * temperature * abs(temperature) / 30.0))
+    assert outside._acting_at_once(added(slow, "nonlinear_heat_loss", its)) == ()
+    monkeypatch.setattr(outside, "_acting_at_once", lambda state: ())
+    for stretched, better, outdone in (((), True, False), (named.names, False, False), (named.names, True, True)):
+        monkeypatch.setattr(outside, "strained", lambda state, names=stretched: names)
+        monkeypatch.setattr(outside, "is_better", lambda *_, so=better: so)
+        assert (outside._instead_of_doubtful(base, named, parts, Evidence()) is found) == outdone
 
 
 def test_away_from_the_noise_it_is_given_up_and_the_note_says_why(monkeypatch):
