@@ -36,7 +36,7 @@ _WEAK = 8  # terms of which each is tried out, at most
 @dataclass(frozen=True)
 class Learned:
     """A closure found: the hypothesis that holds it, and the evidence; ``instead``: the terms of a sensor's reading
-    from which the first of its own are not told apart.
+    from which its own are not told apart.
     """
 
     state: State
@@ -70,8 +70,7 @@ def learn(state: State, split: Split, rules: Evidence, subsystems: Sequence[str]
         found = _round(problem, current, split, rules, chosen, room)
         if found is None:
             break
-        current, chosen, reading = found
-        instead = instead or reading
+        current, chosen, instead = found
         if at_noise(current, split, 1.1):
             break
     if not chosen:

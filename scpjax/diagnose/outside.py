@@ -28,6 +28,7 @@ _BEHIND = 0.05  # of the misfit, by which a balance may answer for less than the
 _COMPLETE = 0.1  # of the misfit: what a closure alone may leave to be an explanation in place of names
 _MOST = 0.25  # of the held-out misfit, up to which a closure may leave and say where it lies: half in root mean square
 _FAR_BETTER = 0.5  # ratio of what it leaves to what the names leave, below which they are false
+_MANY = 2.0  # times the evidence for a name, that a closure must be ahead of one which stands at an end
 _HEATED = ("drive", "thermoelectric", "sensor")  # where names act that a reaction may look like, one by a heat
 
 Beyond = Learned | Curve | Reaction
@@ -100,7 +101,7 @@ def beyond_names(
     Names are false if a closure without them does far better on the held-out misfit, and explains nearly all of it or
     they leave much; or if they leave much that stands clearly above the noise, where that is so small that no simple
     law comes near it more than half; or if they ask for more than their laws allow; or, where they leave little, if one
-    acts at once, or stands at an end, and a closure alone comes down to the noise. A closure is learned beyond the
+    acts at once, or a single one stands at an end, and a closure alone does better. A closure is learned beyond the
     names that stay; in their balances, as a correction of their laws, where they leave little. A last name that came
     where little was left is false if such a correction does better in its place, and so is one of which beside the
     closure nothing stays.
@@ -198,7 +199,8 @@ def form_rather_than_name(parts: Split, base: State, choice: Choice, rules: Evid
     """What is to be said when the names reach the noise: a last name that came where little was left is false if a
     correction of the form of the others' laws has more evidence in its place and predicts better. So are all where one
     asks for more than its law allows or acts at once, if a closure that is none of them predicts better; a single one
-    with a parameter at its end, if one does better; and several about the heat of which a reaction alone does better.
+    with a parameter at its end, if one does far better; and several about the heat of which a reaction alone does
+    better.
     """
     ends = _asking_for_more(choice.state, parts)
     alone = _in_place_of(base, choice.state, parts, rules, _balances(choice.state)) if ends else None
@@ -236,13 +238,14 @@ def _acting_at_once(state: State) -> tuple[str, ...]:
 
 def _instead_of_doubtful(base: State, state: State, parts: Split, rules: Evidence) -> Beyond | None:
     """A closure anywhere that explains the same as names one of which acts at once, and better; or as a single name of
-    which a parameter stands at its end, where it has more evidence too.
+    which a parameter stands at its end, where it has far more evidence too: that name may well be right, and of many
+    closures the best one was taken.
     """
     at_once = bool(_acting_at_once(state))
     if not (at_once or (len(state.names) == 1 and strained(state))):
         return None
     found = _in_place_of(base, state, parts, rules)
-    return found if found is None or at_once or is_better(found.state, state, parts, rules) else None
+    return found if found is None or at_once or ahead(found.state, state, parts, rules) > _MANY * rules.bic else None
 
 
 def _in_place_of(base: State, state: State, parts: Split, rules: Evidence, where: Sequence[str] = ()) -> Beyond | None:

@@ -115,7 +115,8 @@ def _halves(base: Setup, catalogue: Setup) -> list[Setup]:
     """
     every = [m for m in catalogue.structure.mechanisms if not m.is_base]
     moves = [m for m in every if m.subsystem == "thermomechanical"]
-    return [grown(base, *half) for half in (moves, [m for m in every if m not in moves]) if half]
+    others = [m for m in every if m.subsystem != "thermomechanical"]
+    return [grown(base, *half) for half in (moves, others) if half]
 
 
 def ready(base: Setup, catalogue: Setup) -> None:
@@ -175,7 +176,6 @@ _GOOD = 0.75  # of the misfit in excess of the noise: where nothing fitted takes
 _ABREAST = 0.8  # of the leader's promise, with which one is fitted too as long as nothing has reached the noise
 _COARSE = 1e-4  # half the fall of the sum of squares in one step, as a share of it, with which a trial need not go on
 _NOISE = 1.05  # sum of squares, in units of that of the noise, up to which a trial has reached it
-_SAME = 1e-3  # share of a sum of squares, by which two trials that have come to the same place may differ
 _LOST = 2.0**2  # mean square, in units of the noise's, down to which a first name comes near the noise
 _STARTS = 8  # of one mechanism, at most
 
@@ -210,8 +210,8 @@ def fit_promising(
     A promise is linear in what the base parameters can imitate: the right mechanism may promise less than others do.
     Where nothing that promised something comes near the noise, the others are fitted too, as the first name, beside the
     base as the data suggested it at first. Beside names, which may have been bent to imitate it, the right one may
-    promise nothing at all: those that contended with the first name (``contenders``) are fitted too, all beginning
-    anew.
+    promise nothing at all: away from the noise, those that contended with the first name (``contenders``) are fitted
+    too, all beginning anew.
     """
     fits = _Fits(state, split, begun, max_steps, tell)
     make_room()
@@ -231,7 +231,8 @@ def fit_promising(
             continue
         fits.add(promise)
     if state.names:
-        others = [p for p in promises if p.mechanism.name in contenders]
+        near = at_noise(state, split, FAR)
+        others = [p for p in promises if p.mechanism.name in contenders and not near]
     else:
         others = [] if fits.reach(_LOST) else promises
     for promise in others:
@@ -306,23 +307,26 @@ class _Fits:
         coarse = max(TOLERANCE, _COARSE * state.cost)
         solved, cost, _ = solve_all(trials, split.train, problem.space, max_steps=FEW, tolerance=coarse)
         self.lead = max(self.lead, float(state.cost - np.min(cost)))
-        if np.min(cost) < _NOISE * np.sum(split.is_train):  # what is behind can only be a rival
+        if np.min(cost) < _NOISE * np.sum(split.is_train) <= state.cost:  # what is behind can only be a rival
             nearly = max(nearly, _RIVAL)
-        more = self.max_steps - FEW
-        solved, cost = go_on(
-            problem, split, solved, cost, _where_others_are(solved, cost), state.cost, self.lead, more, nearly
-        )
+        same, more = _as_close_as_others(solved, cost, coarse, state.cost), self.max_steps - FEW
+        solved, cost = go_on(problem, split, solved, cost, same, state.cost, self.lead, more, nearly)
         solved, least = [*before, *solved], [*costs, *(float(c) for c in cost)]
         return _by_law(m, problem, split, solved, np.asarray(least), state), solved, least
 
 
-def _where_others_are(solved: Sequence[Trial], cost: np.ndarray) -> np.ndarray:
-    """Which of some trials (trials,) have come to where a better one is: as close, by the same laws."""
+def _as_close_as_others(solved: Sequence[Trial], cost: np.ndarray, coarse: float, before: float) -> np.ndarray:
+    """Which of some trials (trials,) have come as close as a better one by the same laws, to within ``coarse``: to the
+    same place, as it seems. Not those that have yet to come back to where all began, ``before``.
+    """
     found, ends = np.zeros(len(cost), bool), {}
     for i in np.argsort(cost, kind="stable"):
         there = ends.setdefault(tuple(np.asarray(solved[i].laws)), [])
-        found[i] = any(cost[i] - c <= _SAME * c for c in there)
-        there.append(cost[i])
+        if cost[i] >= before:
+            break
+        found[i] = any(cost[i] - c <= coarse for c in there)
+        if not found[i]:
+            there.append(cost[i])
     return found
 
 
@@ -331,7 +335,7 @@ def _is(promise: Promise, begun: Fresh | None) -> bool:
 
 
 def _transfer(start: Start, like: Start, problem: Setup) -> Trial:
-    """A start over the catalogue's problem as a trial of a smaller one."""
+    """A start over the problem it was simulated in as a trial of a smaller one."""
     value = like.value.copy()
     m = start.mechanism
     for k, p in enumerate(m.parameters):

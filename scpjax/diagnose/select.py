@@ -133,7 +133,7 @@ def choose(
             break
         tell("every mechanism", round_)
         rounds.append([_tried(search, way, round_, tell) for way in branches])
-        with meanwhile(partial(_for_more, search, rounds[-1])):
+        with meanwhile(partial(_for_more, search, rounds)):
             further = [b for found in rounds[-1] for b in _one_more(search, found)]
         if not any(at_noise(b.state, split) for b in further):
             tell("what may differ by recording", round_)
@@ -160,10 +160,12 @@ def choose(
     return choice if strongest is None else replace(choice, state=in_order(choice.state, strongest, split))
 
 
-def _for_more(search: _Search, found: Sequence[_Tried]) -> None:
-    """Have the program that a next round needs compiled where there will be one, as it seems."""
-    accepted = [c for tried in found for c in tried.accepted]
-    if accepted and not any(at_noise(c.state, search.split) for c in accepted):
+def _for_more(search: _Search, rounds: Sequence[Sequence[_Tried]]) -> None:
+    """Have the program that rounds after the first need compiled where there will be one, as it seems."""
+    if len(rounds) > 1 or search.rules.most < 2:
+        return
+    ((first,),) = rounds
+    if not (first.ends or any(at_noise(c.state, search.split) for c in first.accepted)):
         ready_beside_names(search.catalogue)
 
 
@@ -199,7 +201,8 @@ class _Tried:
 
 def _tried(search: _Search, way: _Branch, round_: int, tell: Callable[[str, int], None]) -> _Tried:
     split, rules = search.split, search.rules
-    first = [r for r in way.ranking if r.round == 1 and r.delta_bic > rules.bic and r.name not in way.state.names]
+    able = [r for r in way.ranking if r.round == 1 and r.delta_bic > rules.bic and r.held_out_gain > 0.0]
+    first = [r for r in able if r.name not in way.state.names]
     tried = try_all(
         way.state,
         split,

@@ -1,6 +1,6 @@
 """Hypotheses and the trials that fit them: mechanisms added to a base model, from several starts.
 
-Every hypothesis has a model of its own that holds only what it names, which compiles and runs quickly; all candidates
+Every hypothesis has a model of its own that holds only what it names, which compiles and runs quickly; candidates
 together are only simulated, to see which are worth fitting.
 """
 
@@ -157,7 +157,8 @@ _BY_STEPS = 0.25  # of what a closure changes, that may be due to the integrator
 FAR = 1.15**2
 """Mean square, in units of the noise's, above which a hypothesis ends away from it."""
 FEW, NEARLY = 12, 0.2  # steps of all; of the leader's gain after them, with less than which one is left there
-_CHANCE = 2.5  # standard deviations of a mean of squares, which are no misfit
+_CHANCE = 2.5  # standard deviations of a mean of squares, or of products, which are no misfit
+_LAGS = (1, 2, 3, 4)
 TOLERANCE = 0.02  # half the fall of the sum of squares in one step with which a trial has come to rest
 
 
@@ -169,12 +170,23 @@ def misfit(state: State, split: Split) -> np.ndarray:
 
 
 def at_noise(state: State, split: Split, level: float = 1.05) -> bool:
-    """Whether the mean square of the residuals is down to the noise in every column, to within ``level`` or what chance
-    makes of so many samples: 2.5 standard deviations of a mean of squares, sqrt(2/n) each.
+    """Whether the mean square of the residuals is down to the noise in every column, to within ``level``; or, where
+    they are as white as noise is, to within what chance makes of so many samples: 2.5 standard deviations of a mean of
+    squares, sqrt(2/n) each.
     """
-    count = (split.is_train | split.is_held).sum(axis=(0, 1))
-    chance = 1.0 + _CHANCE * np.sqrt(2.0 / np.maximum(count, 1))
-    return bool(np.all(misfit(state, split) < np.maximum(level, chance)))
+    square, there = misfit(state, split), split.is_train | split.is_held
+    chance = np.minimum(1.0 + _CHANCE * np.sqrt(2.0 / np.maximum(there.sum(axis=(0, 1)), 1)), FAR)
+    above = np.flatnonzero(square >= level)
+    return all(square[j] < chance[j] and _is_white(state.residual[..., j], there[..., j]) for j in above)
+
+
+def _is_white(residual: np.ndarray, there: np.ndarray) -> bool:
+    """Whether residuals (r, k) are no more alike their neighbours, over a few lags, than chance makes them."""
+    x, along, pairs = np.where(there, residual, 0.0), 0.0, 0
+    for lag in _LAGS:
+        along += float(np.sum(x[:, lag:] * x[:, :-lag]))
+        pairs += int(np.sum(there[:, lag:] & there[:, :-lag]))
+    return along * there.sum() < _CHANCE * np.sqrt(pairs) * float(np.sum(x**2))
 
 
 def go_on(

@@ -214,9 +214,9 @@ def test_a_delay_of_no_time_is_no_name_where_a_force_follows_the_drive(monkeypat
     slow, its = base_of(recorded(lambda _t, temperature, _x: 0.6 * LOSS * temperature * abs(temperature) / 30.0))
     assert outside._acting_at_once(added(slow, "nonlinear_heat_loss", its)) == ()
     monkeypatch.setattr(outside, "_acting_at_once", lambda state: ())
-    for stretched, better, outdone in (((), True, False), (named.names, False, False), (named.names, True, True)):
+    for stretched, bic, outdone in (((), 30.0, False), (named.names, 20.0, False), (named.names, 30.0, True)):
         monkeypatch.setattr(outside, "strained", lambda state, names=stretched: names)
-        monkeypatch.setattr(outside, "is_better", lambda *_, so=better: so)
+        monkeypatch.setattr(outside, "ahead", lambda *_, bic=bic: bic)
         assert (outside._instead_of_doubtful(base, named, parts, Evidence()) is found) == outdone
 
 

@@ -90,10 +90,11 @@ def fitted(monkeypatch, taken, abreast, *, near, names=(), contenders=(), explai
     for name in ("_transfer", "from_their_starts", "trial_at"):
         monkeypatch.setattr(screen, name, lambda *_: [None])
     monkeypatch.setattr(screen, "solve_all", lambda *_, **__: ([], np.array([10_100.0 - taken * 10_000.0]), None))
-    monkeypatch.setattr(screen, "_where_others_are", lambda *_: None)
+    monkeypatch.setattr(screen, "_as_close_as_others", lambda *_: None)
     monkeypatch.setattr(screen, "go_on", lambda problem, split, solved, cost, *_: (solved, cost))
     monkeypatch.setattr(screen, "_by_law", lambda *_: {0: None})
-    screen.fit_promising(state, split, promises, None, 40, lambda text: None, contenders)  # type: ignore[arg-type]
+    found = screen.fit_promising(state, split, promises, None, 40, lambda text: None, contenders)  # type: ignore[arg-type]
+    assert all(found[name] for name in tried)
     promised = [f"m{i}" for i in range(14)][: len([n for n in tried if n not in contenders[:1]])]
     assert tried == promised + [n for n in contenders[:1] if n in tried]
     return len(tried)
@@ -113,10 +114,11 @@ def test_where_no_first_name_comes_near_the_noise_all_are_fitted(monkeypatch):
 
 def test_of_trials_that_came_to_the_same_place_one_goes_on():
     """By the same laws: others that are as close may end elsewhere."""
-    laws = ([1.0, 0.0], [1.0, 0.0], [1.0, 1.0], [1.0, 0.0], [1.0, 0.0])
+    laws = ([1.0, 0.0], [1.0, 0.0], [1.0, 1.0], *([[1.0, 0.0]] * 6))
     trials = [SimpleNamespace(laws=np.array(law)) for law in laws]
-    found = screen._where_others_are(trials, np.array([100.05, 100.0, 100.0, 101.0, np.inf]))  # type: ignore[arg-type]
-    assert found.tolist() == [True, False, False, False, False]
+    cost = np.array([100.9, 100.0, 100.0, 101.8, 102.7, 900.0, 900.1, np.inf, np.inf])
+    found = screen._as_close_as_others(trials, cost, 1.0, 900.0)  # type: ignore[arg-type]
+    assert found.tolist() == [True, False, False, False, True, False, False, False, False]
 
 
 @pytest.mark.parametrize(("least", "nearly"), [(500.0, screen.NEARLY), (100.0, screen._RIVAL)])
@@ -125,7 +127,7 @@ def test_once_one_has_reached_the_noise_only_rivals_of_it_go_on(monkeypatch, lea
     split = SimpleNamespace(is_train=np.ones(100, bool), train=None)
     told = []
     monkeypatch.setattr(screen, "solve_all", lambda trials, *_, **__: ([], np.array([least, 700.0]), None))
-    monkeypatch.setattr(screen, "_where_others_are", lambda *_: None)
+    monkeypatch.setattr(screen, "_as_close_as_others", lambda *_: None)
     monkeypatch.setattr(screen, "go_on", lambda *args: (told.append(args[-1]), ([], args[3]))[1])
     monkeypatch.setattr(screen, "_by_law", lambda *_: {})
     fits = screen._Fits(state, split, None, 40, print)  # type: ignore[arg-type]
@@ -134,12 +136,13 @@ def test_once_one_has_reached_the_noise_only_rivals_of_it_go_on(monkeypatch, lea
 
 
 def test_what_contended_with_the_first_name_is_fitted_beside_it_whatever_it_promises(monkeypatch):
-    """Not once something explains everything, and not twice."""
+    """Not once something explains everything, and not twice; nor near the noise."""
     beside = ("m13", "m0")
-    count = fitted(monkeypatch, 0.9, 0, near=True, names=("a",))
-    assert fitted(monkeypatch, 0.9, 0, near=True, names=("a",), contenders=beside) == count + 1
+    count = fitted(monkeypatch, 0.9, 0, near=False, names=("a",))
+    assert fitted(monkeypatch, 0.9, 0, near=False, names=("a",), contenders=beside) == count + 1
     last = f"m{count - 1}"
-    assert fitted(monkeypatch, 0.9, 0, near=True, names=("a",), contenders=beside, explains=last) == count
+    assert fitted(monkeypatch, 0.9, 0, near=False, names=("a",), contenders=beside, explains=last) == count
+    assert fitted(monkeypatch, 0.9, 0, near=True, names=("a",), contenders=beside) == count
 
 
 @pytest.mark.parametrize(("square", "looked"), [(1.0, False), (1.2, False), (4.0, True)])
