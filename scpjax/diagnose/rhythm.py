@@ -56,12 +56,16 @@ class Rhythm:
 
 def rhythm(misfit: Misfit, lacking: Sequence[Latent]) -> Rhythm | None:
     """The swing that takes away most, in a balance or sensor that could answer for the misfit (`missing`); None where
-    none takes away enough. A balance before a reading that is hardly better; of a joint both sides swing.
+    none takes away enough. A balance before a reading that is hardly better, and where no thermometer was a force
+    before a heat that is, which has to swing the more, the quicker it does; of a joint both sides swing.
     """
     best = max(m.explained for m in lacking)
     places = dict.fromkeys((m.subsystem, _of_both(m.place)) for m in lacking if m.explained > _ABLE * best)
     found = [r for subsystem, place in places for r in _of(misfit, place, subsystem)]
-    return max(found, key=lambda r: r.share * (READING if r.subsystem == "sensor" else 1.0), default=None)
+    guessed = {"sensor"}
+    if not any(place.startswith("temperature") for place in misfit.places):
+        guessed |= {"thermoelectric", "drive"}
+    return max(found, key=lambda r: r.share * (READING if r.subsystem in guessed else 1.0), default=None)
 
 
 def ripple(misfit: Misfit, radius: float = 1.0) -> Rhythm | None:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -72,6 +73,24 @@ def test_its_period_and_place(heat, shake, places):
     assert found.period == pytest.approx(PERIOD, rel=0.01)
     assert found.place in places
     assert found.share > 0.8
+
+
+@pytest.mark.parametrize(
+    ("measured", "share", "place"),
+    [("displacement", 0.9, "force"), ("displacement", 0.97, "heat"), ("temperature", 0.9, "heat")],
+)
+def test_where_no_thermometer_was_a_force_swings_rather_than_a_heat(monkeypatch, measured, share, place):
+    """Unless a heat takes clearly more away; with one nothing is guessed."""
+    where = {"heat": "thermoelectric", "force": "thermomechanical"}
+    shares = {"heat": share + 0.005, "force": 0.9}
+    monkeypatch.setattr(
+        "scpjax.diagnose.rhythm._of",
+        lambda misfit, place, subsystem: [Rhythm(subsystem, place, "", PERIOD, shares[place])],
+    )
+    lacking = [SimpleNamespace(subsystem=s, place=p, explained=0.9) for p, s in where.items()]
+    found = rhythm(SimpleNamespace(places={f"{measured} reading": None, **where}), lacking)  # type: ignore[arg-type]
+    assert found is not None
+    assert found.place == place
 
 
 def test_nothing_swings_where_a_state_has_it():
