@@ -8,7 +8,8 @@ import numpy as np
 
 from scpjax.diagnose.evidence import Comparison, Evidence, compare, is_better
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.screen import fit_promising, fresh, screen
+from scpjax.diagnose.promising import fit_promising
+from scpjax.diagnose.screen import fresh, screen
 from scpjax.diagnose.trials import FAR, State, afresh, at_noise, misfit
 from scpjax.fit.setup import Setup
 from scpjax.physics.mechanism import Mechanism

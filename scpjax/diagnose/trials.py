@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.residual import whiteness
 from scpjax.fit.data import Data
 from scpjax.fit.identifiability import at_limit
 from scpjax.fit.problem import CEILING, Trial
@@ -157,8 +158,8 @@ _BY_STEPS = 0.25  # of what a closure changes, that may be due to the integrator
 FAR = 1.15**2
 """Mean square, in units of the noise's, above which a hypothesis ends away from it."""
 FEW, NEARLY = 12, 0.2  # steps of all; of the leader's gain after them, with less than which one is left there
-_CHANCE = 2.5  # standard deviations of a mean of squares, or of products, which are no misfit
-_LAGS = (1, 2, 3, 4)
+_CHANCE = 2.5  # standard deviations of a mean of squares, which are no misfit
+_LAGS, _WHITE = 4, 0.01  # between neighbours, and how likely they are by chance, above which residuals are white
 TOLERANCE = 0.02  # half the fall of the sum of squares in one step with which a trial has come to rest
 
 
@@ -177,16 +178,8 @@ def at_noise(state: State, split: Split, level: float = 1.05) -> bool:
     square, there = misfit(state, split), split.is_train | split.is_held
     chance = np.minimum(1.0 + _CHANCE * np.sqrt(2.0 / np.maximum(there.sum(axis=(0, 1)), 1)), FAR)
     above = np.flatnonzero(square >= level)
-    return all(square[j] < chance[j] and _is_white(state.residual[..., j], there[..., j]) for j in above)
-
-
-def _is_white(residual: np.ndarray, there: np.ndarray) -> bool:
-    """Whether residuals (r, k) are no more alike their neighbours, over a few lags, than chance makes them."""
-    x, along, pairs = np.where(there, residual, 0.0), 0.0, 0
-    for lag in _LAGS:
-        along += float(np.sum(x[:, lag:] * x[:, :-lag]))
-        pairs += int(np.sum(there[:, lag:] & there[:, :-lag]))
-    return along * there.sum() < _CHANCE * np.sqrt(pairs) * float(np.sum(x**2))
+    like_noise = lambda j: whiteness(state.residual[..., j], there[..., j], _LAGS) > _WHITE  # noqa: E731
+    return all(square[j] < chance[j] and like_noise(j) for j in above)
 
 
 def go_on(

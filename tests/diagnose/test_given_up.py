@@ -218,6 +218,8 @@ def test_a_delay_of_no_time_is_no_name_where_a_force_follows_the_drive(monkeypat
         monkeypatch.setattr(outside, "strained", lambda state, names=stretched: names)
         monkeypatch.setattr(outside, "ahead", lambda *_, bic=bic: bic)
         assert (outside._instead_of_doubtful(base, named, parts, Evidence()) is found) == outdone
+    two = SimpleNamespace(names=("two_node_thermal", "creep"))  # of which one may make up for the other's law
+    assert outside._instead_of_doubtful(base, two, parts, Evidence()) is None  # type: ignore[arg-type]
 
 
 def test_away_from_the_noise_it_is_given_up_and_the_note_says_why(monkeypatch):

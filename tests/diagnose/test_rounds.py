@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from scpjax.diagnose import candidates, screen
+from scpjax.diagnose import candidates, promising
 from scpjax.diagnose.evidence import Comparison, Evidence
 
 
@@ -81,35 +81,38 @@ def fitted(monkeypatch, taken, abreast, *, near, names=(), contenders=(), explai
         for i in range(14)
     ]
     problem = SimpleNamespace(space=None)
-    monkeypatch.setattr(screen, "at_noise", lambda s, *_: near if s is state else tried[-1] == explains)
-    monkeypatch.setattr(screen, "grown", lambda setup, m: tried.append(m.name) or problem)
+    monkeypatch.setattr(promising, "at_noise", lambda s, *_: near if s is state else tried[-1] == explains)
+    monkeypatch.setattr(promising, "grown", lambda setup, m: tried.append(m.name) or problem)
     start = SimpleNamespace(law=0, laws=None)
-    monkeypatch.setattr(screen, "starts_with", lambda *_: [start])
-    monkeypatch.setattr(screen, "_best_starts", lambda promise: [start])
-    monkeypatch.setattr(screen, "_compiled", lambda *_: None)
+    monkeypatch.setattr(promising, "starts_with", lambda *_: [start])
+    monkeypatch.setattr(promising, "_best_starts", lambda promise: [start])
+    monkeypatch.setattr(promising, "_compiled", lambda *_: None)
     for name in ("_transfer", "from_their_starts", "trial_at"):
-        monkeypatch.setattr(screen, name, lambda *_: [None])
-    monkeypatch.setattr(screen, "solve_all", lambda *_, **__: ([], np.array([10_100.0 - taken * 10_000.0]), None))
-    monkeypatch.setattr(screen, "_as_close_as_others", lambda *_: None)
-    monkeypatch.setattr(screen, "go_on", lambda problem, split, solved, cost, *_: (solved, cost))
-    monkeypatch.setattr(screen, "_by_law", lambda *_: {0: None})
-    found = screen.fit_promising(state, split, promises, None, 40, lambda text: None, contenders)  # type: ignore[arg-type]
+        monkeypatch.setattr(promising, name, lambda *_: [None])
+    monkeypatch.setattr(promising, "solve_all", lambda *_, **__: ([], np.array([10_100.0 - taken * 10_000.0]), None))
+    monkeypatch.setattr(promising, "_as_close_as_others", lambda *_: None)
+    monkeypatch.setattr(promising, "go_on", lambda problem, split, solved, cost, *_: (solved, cost))
+    monkeypatch.setattr(promising, "_by_law", lambda *_: {0: None})
+    found = promising.fit_promising(state, split, promises, None, 40, lambda text: None, contenders)  # type: ignore[arg-type]
     assert all(found[name] for name in tried)
-    promised = [f"m{i}" for i in range(14)][: len([n for n in tried if n not in contenders[:1]])]
-    assert tried == promised + [n for n in contenders[:1] if n in tried]
-    return len(tried)
+    return tried
+
+
+def first(count):
+    """Those that promise most."""
+    return [f"m{i}" for i in range(count)]
 
 
 @pytest.mark.parametrize(("taken", "abreast", "count"), [(0.9, 0, 5), (0.3, 0, 10), (0.9, 6, 7), (0.9, 14, 10)])
 def test_twice_as_many_are_fitted_where_none_explains_much_or_others_promise_as_much(
     monkeypatch, taken, abreast, count
 ):
-    assert fitted(monkeypatch, taken, abreast, near=True) == count
+    assert fitted(monkeypatch, taken, abreast, near=True) == first(count)
 
 
 def test_where_no_first_name_comes_near_the_noise_all_are_fitted(monkeypatch):
-    assert fitted(monkeypatch, 0.9, 0, near=False) == 14
-    assert fitted(monkeypatch, 0.9, 0, near=False, names=("a",)) == 6
+    assert fitted(monkeypatch, 0.9, 0, near=False) == first(14)
+    assert fitted(monkeypatch, 0.9, 0, near=False, names=("a",)) == first(6)
 
 
 def test_of_trials_that_came_to_the_same_place_one_goes_on():
@@ -117,32 +120,30 @@ def test_of_trials_that_came_to_the_same_place_one_goes_on():
     laws = ([1.0, 0.0], [1.0, 0.0], [1.0, 1.0], *([[1.0, 0.0]] * 6))
     trials = [SimpleNamespace(laws=np.array(law)) for law in laws]
     cost = np.array([100.9, 100.0, 100.0, 101.8, 102.7, 900.0, 900.1, np.inf, np.inf])
-    found = screen._as_close_as_others(trials, cost, 1.0, 900.0)  # type: ignore[arg-type]
+    found = promising._as_close_as_others(trials, cost, 1.0, 900.0)  # type: ignore[arg-type]
     assert found.tolist() == [True, False, False, False, True, False, False, False, False]
 
 
-@pytest.mark.parametrize(("least", "nearly"), [(500.0, screen.NEARLY), (100.0, screen._RIVAL)])
+@pytest.mark.parametrize(("least", "nearly"), [(500.0, promising.NEARLY), (100.0, promising._RIVAL)])
 def test_once_one_has_reached_the_noise_only_rivals_of_it_go_on(monkeypatch, least, nearly):
     state = SimpleNamespace(names=(), cost=1000.0)
     split = SimpleNamespace(is_train=np.ones(100, bool), train=None)
     told = []
-    monkeypatch.setattr(screen, "solve_all", lambda trials, *_, **__: ([], np.array([least, 700.0]), None))
-    monkeypatch.setattr(screen, "_as_close_as_others", lambda *_: None)
-    monkeypatch.setattr(screen, "go_on", lambda *args: (told.append(args[-1]), ([], args[3]))[1])
-    monkeypatch.setattr(screen, "_by_law", lambda *_: {})
-    fits = screen._Fits(state, split, None, 40, print)  # type: ignore[arg-type]
-    fits._closest(None, SimpleNamespace(space=None), [None], screen.NEARLY)  # type: ignore[arg-type,list-item]
+    monkeypatch.setattr(promising, "solve_all", lambda trials, *_, **__: ([], np.array([least, 700.0]), None))
+    monkeypatch.setattr(promising, "_as_close_as_others", lambda *_: None)
+    monkeypatch.setattr(promising, "go_on", lambda *args: (told.append(args[-1]), ([], args[3]))[1])
+    monkeypatch.setattr(promising, "_by_law", lambda *_: {})
+    fits = promising._Fits(state, split, None, 40, print)  # type: ignore[arg-type]
+    fits._closest(None, SimpleNamespace(space=None), [None], promising.NEARLY)  # type: ignore[arg-type,list-item]
     assert told == [nearly]
 
 
 def test_what_contended_with_the_first_name_is_fitted_beside_it_whatever_it_promises(monkeypatch):
     """Not once something explains everything, and not twice; nor near the noise."""
-    beside = ("m13", "m0")
-    count = fitted(monkeypatch, 0.9, 0, near=False, names=("a",))
-    assert fitted(monkeypatch, 0.9, 0, near=False, names=("a",), contenders=beside) == count + 1
-    last = f"m{count - 1}"
-    assert fitted(monkeypatch, 0.9, 0, near=False, names=("a",), contenders=beside, explains=last) == count
-    assert fitted(monkeypatch, 0.9, 0, near=True, names=("a",), contenders=beside) == count
+    beside = {"names": ("a",), "contenders": ("m13", "m0")}
+    assert fitted(monkeypatch, 0.9, 0, near=False, **beside) == [*first(6), "m13"]
+    assert fitted(monkeypatch, 0.9, 0, near=False, **beside, explains="m5") == first(6)
+    assert fitted(monkeypatch, 0.9, 0, near=True, **beside) == first(6)
 
 
 @pytest.mark.parametrize(("square", "looked"), [(1.0, False), (1.2, False), (4.0, True)])

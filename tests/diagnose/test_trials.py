@@ -1,4 +1,4 @@
-"""Every law of a mechanism has room for what it moves, and none for what only other laws do."""
+"""Every law of a mechanism has room for what it moves, and none for what only other laws do; what is at the noise."""
 
 from types import SimpleNamespace
 
@@ -31,8 +31,9 @@ def test_as_many_places_as_the_widest_law_needs(names):
 
 @pytest.mark.parametrize("n", [300, 1000, 20_000])
 def test_white_noise_is_at_the_noise_however_few_samples(n):
-    """All but a few in a hundred, of two columns; half the noise more is not, nor what is as little but is like its
-    neighbours."""
+    """All but a few in a hundred, of two columns. Half as much again of a mean square is not; nor is a wave as small as
+    chance, which is like its neighbours.
+    """
     rng, here = np.random.default_rng(n), np.ones((1, n, 2), bool)
     split = SimpleNamespace(is_train=here, is_held=~here)
 
