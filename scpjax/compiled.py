@@ -15,7 +15,7 @@ from scpjax.kept import is_array, kept, key_of
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _QUICK = {
-    "xla_backend_optimization_level": 3,
+    "xla_backend_optimization_level": 1,
     "xla_cpu_use_fusion_emitters": False,
 }
 

@@ -85,8 +85,10 @@ class Misfit:
 
 
 def missing(misfit: Misfit) -> tuple[Latent, ...]:
-    """Estimates for every balance and sensor, best evidence first; a balance before a reading that is hardly better."""
-    out = [_estimate(misfit, place) for place in misfit.places.values()]
+    """Estimates for every balance and sensor that shows in what was recorded, best evidence first; a balance before a
+    reading that is hardly better.
+    """
+    out = [found for place in misfit.places.values() if (found := _estimate(misfit, place)) is not None]
     # an error of a reading can imitate whatever shows in it, so it has to answer for the misfit better than a balance
     return tuple(sorted(out, key=lambda m: -m.evidence * (READING if m.subsystem == "sensor" else 1.0)))
 
@@ -135,7 +137,8 @@ def data_norm(data: Data) -> np.ndarray:
     return np.asarray(data.norm)
 
 
-def _estimate(misfit: Misfit, place: _Place) -> Latent:
+def _estimate(misfit: Misfit, place: _Place) -> Latent | None:
+    """None where nothing recorded responds to what may be missing there, as to a force where only heat was."""
     binned = misfit.binned
     bins = [int(np.flatnonzero(there.any(axis=1))[-1]) + 1 for there in binned.there]
     gap = [max(n // _KNOTS, 1) for n in bins]
@@ -143,7 +146,9 @@ def _estimate(misfit: Misfit, place: _Place) -> Latent:
     triangles = [hats(binned.there.shape[1], step, m) for step, m in zip(gap, count, strict=True)]
     times = [np.arange(m) * step * width for m, step, width in zip(count, gap, misfit.widths, strict=True)]
     response, target = misfit.responses(place.name, triangles), misfit.target
-    unit = 1.0 / max(np.sqrt(np.mean(np.sum(response**2, axis=0))), 1e-300)
+    if not np.any(response):
+        return None
+    unit = 1.0 / np.sqrt(np.mean(np.sum(response**2, axis=0)))
     span = max(t[-1] for t in times)
     noise = 1.0
     fits = [_marginal(response * unit, target, times, share * span, noise) for share in _LENGTHS]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
-from scpjax.abreast import abreast
+from scpjax.abreast import abreast, meanwhile
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.screen import Fresh, Promise
 from scpjax.diagnose.trials import (
@@ -42,6 +43,7 @@ _COARSE = 1e-4  # half the fall of the sum of squares in one step, as a share of
 _NOISE = 1.05  # sum of squares, in units of that of the noise, up to which a trial has reached it
 _LOST = 2.0**2  # mean square, in units of the noise's, down to which a first name comes near the noise
 _STARTS = 8  # of one mechanism, at most
+_AHEAD = 2  # programs compiled beside a fit
 
 
 def promising(promises: Sequence[Promise]) -> list[Promise]:
@@ -72,10 +74,10 @@ def fit_promising(
     """By mechanism and law, the hypotheses with one mechanism more that were worth fitting; `fresh` ones among them.
 
     A promise is linear in what the base parameters can imitate: the right mechanism may promise less than others do.
-    Where nothing that promised something comes near the noise, the others are fitted too, as the first name, beside the
-    base as the data suggested it at first. Beside names, which may have been bent to imitate it, the right one may
-    promise nothing at all: away from the noise, those that contended with the first name (``contenders``) are fitted
-    too, all beginning anew.
+    Where nothing that promised something comes near the noise, what is likeliest beside the base as the data suggested
+    it at first is fitted there too, as the first name. Beside names, which may have been bent to imitate it, the right
+    one may promise nothing at all: away from the noise, those that contended with the first name (``contenders``) are
+    fitted too, all beginning anew.
     """
     fits = _Fits(state, split, begun, max_steps, tell)
     make_room()
@@ -86,27 +88,29 @@ def fit_promising(
     sure = [p.mechanism for i, p in enumerate(worth) if i < least or p.gain >= _FAR_BEHIND * promises[0].gain]
     _compiled(sure[:_LATER], state, split)
     worth = worth[:most] + [p for p in promises if _is(p, begun)] + worth[most : 2 * most]
-    for i, promise in enumerate(worth):
-        if fits.explained and promise.gain < _FAR_BEHIND * promises[0].gain:
-            continue
-        behind = not state.names and promise.gain < _ABREAST * promises[0].gain
+
+    def is_asked(i: int) -> bool:
+        promise, behind = worth[i], not state.names and worth[i].gain < _ABREAST * promises[0].gain
+        if promise.mechanism.name in fits.found or (fits.explained and promise.gain < _FAR_BEHIND * promises[0].gain):
+            return False
         enough = fits.lead > _GOOD * excess and (fits.explained or behind)
-        if promise.mechanism.name in fits.found or (i >= most and enough and not _is(promise, begun)):
-            continue
-        fits.add(promise)
-    if state.names:
-        near = at_noise(state, split, FAR)
-        others = [p for p in promises if p.mechanism.name in contenders and not near]
-    else:
-        others = [] if fits.reach(_LOST) else promises
-    for promise in others:
-        if promise.mechanism.name not in fits.found and not fits.explained:
-            fits.add(promise, bent=False)
+        return i < most or not enough or _is(promise, begun)
+
+    fits.add_all(worth, is_asked)
+    others = [p for p in promises if p.mechanism.name in contenders] if state.names else _likeliest(promises, begun)
+    if not (at_noise(state, split, FAR) if state.names else fits.reach(_LOST)):
+        fits.add_all(others, lambda i: not (fits.explained or others[i].mechanism.name in fits.found), bent=False)
     return fits.found
 
 
+def _likeliest(promises: Sequence[Promise], begun: Fresh | None) -> list[Promise]:
+    """What is likeliest beside the base as the data suggested it at first; everything where that blows up."""
+    by_name = {p.mechanism.name: p for p in promises}
+    return list(promises) if begun is None else [by_name[name] for name in begun.likeliest]
+
+
 def _compiled(mechanisms: Sequence[Mechanism], state: State, split: Split) -> None:
-    """Have the programs of several hypotheses, all of which will be asked for, compiled at once."""
+    """Have the programs of several hypotheses compiled at once."""
 
     def ready(m: Mechanism) -> None:
         problem = grown(state.setup, m)
@@ -133,12 +137,21 @@ class _Fits:
         every = (self.state, *(s for laws in self.found.values() for s in laws.values()))
         return any(at_noise(s, self.split, level) for s in every)
 
+    def add_all(self, promises: Sequence[Promise], is_asked: Callable[[int], bool], *, bent: bool = True) -> None:
+        """`add` those that are asked for by then; the programs of the next ones are compiled beside each fit."""
+        for i, promise in enumerate(promises):
+            if not is_asked(i):
+                continue
+            make_room()
+            following = [p.mechanism for j, p in enumerate(promises) if j > i and is_asked(j)][:_AHEAD]
+            with meanwhile(partial(_compiled, following, self.state, self.split)):
+                self.add(promise, bent=bent)
+
     def add(self, promise: Promise, *, bent: bool = True) -> None:
         """Fit with a mechanism from where the hypothesis stands (``bent``) and, where that does not reach the noise
         and no other has, with everything at its start.
         """
         m = promise.mechanism
-        make_room()
         self.tell(m.name)
         problem = grown(self.state.setup, m)
         over = {s.law: s for s in starts_with(self.state, m, problem)}
@@ -195,7 +208,7 @@ def _as_close_as_others(solved: Sequence[Trial], cost: np.ndarray, coarse: float
 
 
 def _is(promise: Promise, begun: Fresh | None) -> bool:
-    return begun is not None and promise.mechanism.name == begun.mechanism.name
+    return begun is not None and begun.best is not None and promise.mechanism.name == begun.best.name
 
 
 def _transfer(start: Start, like: Start, problem: Setup) -> Trial:

@@ -37,8 +37,17 @@ def screen(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Me
     """
     residual, clean = _beyond_parameters(state.setup, state.trial, split)
     starts, simulated, blown = _simulated(state, split, catalogue, mechanisms)
-    changed = clean(simulated - residual)
-    target = clean(residual)
+    return _promises(mechanisms, starts, clean(residual), clean(simulated - residual), blown)
+
+
+def _promises(
+    mechanisms: Sequence[Mechanism],
+    starts: Sequence[Start],
+    target: np.ndarray,
+    changed: np.ndarray,
+    blown: np.ndarray,
+) -> list[Promise]:
+    """By the residuals (m,) and what each start changes of them (starts, m), beside what the base can imitate."""
     size = np.sqrt(np.sum(changed**2, axis=1))
     ok = ~blown & np.isfinite(size) & (size > 0)
     unit = np.where(ok[:, None], -changed / np.where(ok, size, 1.0)[:, None], 0.0)
@@ -124,17 +133,22 @@ def _ready(problem: Setup) -> None:
 
 @dataclass(frozen=True)
 class Fresh:
-    """What promises most beside the base parameters that the data first suggested, and where its fit may begin."""
+    """Beside the base parameters that the data first suggested: what promises most there, and where its fit may begin.
 
-    mechanism: Mechanism
+    ``best``: what improves most on them, by a share worth it. ``likeliest``: what promises most by the score test
+    there, or takes most away from where it starts; likeliest first.
+    """
+
     state: State  # the hypothesis with those parameters, not fitted
+    best: Mechanism | None
+    likeliest: tuple[str, ...]
 
 
 def fresh(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Mechanism]) -> Fresh | None:
-    """The mechanism that, at one of its starts, most improves on the base parameters first suggested.
+    """What mechanisms promise beside the base parameters first suggested; None where these blow up.
 
     Fitted without it, the base may have been bent so far (a damping that hardly lets the load move, in place of dry
-    friction) that the mechanism promises nothing there. None where nothing improves by a share worth it.
+    friction) that the right mechanism promises nothing there.
     """
     setup = state.setup
     value = setup.starts[0].copy()
@@ -146,11 +160,16 @@ def fresh(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Mec
     if np.any(np.abs(residual) >= CEILING):
         return None
     starts, simulated, blown = _simulated(at, split, catalogue, mechanisms)
+    target = clean(residual)
     after = np.where(blown, np.inf, np.sum(clean(simulated) ** 2, axis=1))
-    best = int(np.argmin(after))
-    if after[best] > (1 - _WORTH) * np.sum(clean(residual) ** 2):
-        return None
-    return Fresh(starts[best].mechanism, at)
+    order = np.argsort(after, kind="stable")
+    worth = after[order[0]] <= (1 - _WORTH) * np.sum(target**2)
+    promises = _promises(mechanisms, starts, target, clean(simulated - residual), blown)
+    by_score = [p.mechanism.name for p in promises][:_BY_SCORE]
+    as_simulated = list(dict.fromkeys(starts[i].mechanism.name for i in order))[:_AS_SIMULATED]
+    likeliest = tuple(dict.fromkeys([*by_score, *as_simulated]))
+    return Fresh(at, starts[order[0]].mechanism if worth else None, likeliest)
 
 
 _WORTH = 0.1  # share of the misfit, beside what the base can imitate, that a fresh start must take away
+_BY_SCORE, _AS_SIMULATED = 5, 3  # likeliest beside the base parameters first suggested

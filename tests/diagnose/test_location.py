@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from scpjax.diagnose.locate import Binned, locate
+from scpjax.diagnose.latent import Misfit, missing
+from scpjax.diagnose.locate import Binned, locate, observe
 from scpjax.fit.setup import Setup, prepare
 from scpjax.physics import presets
 from scpjax.recordings.recording import Metadata, Recording
@@ -52,3 +53,14 @@ def test_the_worst_column_and_its_windows_are_where_the_misfit_is():
     assert found.windows[0].share > 0.6
     assert found.windows[0].start_s == pytest.approx(10.0, abs=0.2)
     assert found.windows[0].end_s == pytest.approx(12.0, abs=0.2)
+
+
+@pytest.mark.parametrize(("columns", "seen"), [(("temperature_degC",), False), (("displacement_mm",), True)])
+def test_a_force_is_missed_only_where_its_effect_was_recorded(columns, seen):
+    setup = setup_of(*columns)
+    trial = setup.trial(np.asarray(setup.starts[0]), setup.base_active)
+    residual = np.random.default_rng(2).standard_normal(np.asarray(setup.data.target).shape)
+    found = missing(Misfit(setup, setup.data, trial, observe(setup, setup.data, trial, residual)))
+    assert ("force" in {m.place for m in found}) == seen
+    assert "heat" in {m.place for m in found}
+    assert all(np.all(np.isfinite(s)) for m in found for s in m.std)

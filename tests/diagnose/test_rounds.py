@@ -69,10 +69,10 @@ def test_a_wider_law_of_a_name_has_to_be_better_no_more(monkeypatch, better, law
     assert candidates._best_law(m, found[2:], None, Evidence()).law == "other"  # type: ignore[arg-type]
 
 
-def fitted(monkeypatch, taken, abreast, *, near, names=(), contenders=(), explains=""):
+def fitted(monkeypatch, taken, abreast, *, near, names=(), contenders=(), explains="", begun=None):
     """Which of 14 mechanisms are fitted, each taking a share away; ``abreast`` of those behind the first promise nearly
     what it does, the rest half of it. ``near``: whether the hypothesis is near the noise; ``explains``: what reaches
-    it."""
+    it; ``begun``: what promises most beside the base first suggested."""
     tried = []
     state = SimpleNamespace(names=names, cost=10_100.0, setup=None)
     split = SimpleNamespace(is_train=np.ones(100, bool), train=None)
@@ -93,7 +93,7 @@ def fitted(monkeypatch, taken, abreast, *, near, names=(), contenders=(), explai
     monkeypatch.setattr(promising, "_as_close_as_others", lambda *_: None)
     monkeypatch.setattr(promising, "go_on", lambda problem, split, solved, cost, *_: (solved, cost))
     monkeypatch.setattr(promising, "_by_law", lambda *_: {0: None})
-    found = promising.fit_promising(state, split, promises, None, 40, lambda text: None, contenders)  # type: ignore[arg-type]
+    found = promising.fit_promising(state, split, promises, begun, 40, lambda text: None, contenders)  # type: ignore[arg-type]
     assert all(found[name] for name in tried)
     return tried
 
@@ -110,9 +110,25 @@ def test_twice_as_many_are_fitted_where_none_explains_much_or_others_promise_as_
     assert fitted(monkeypatch, taken, abreast, near=True) == first(count)
 
 
-def test_where_no_first_name_comes_near_the_noise_all_are_fitted(monkeypatch):
+def test_where_no_first_name_comes_near_the_noise_what_is_likeliest_at_first_is_fitted(monkeypatch):
+    """All where there is no saying what is: the base first suggested blows up."""
     assert fitted(monkeypatch, 0.9, 0, near=False) == first(14)
     assert fitted(monkeypatch, 0.9, 0, near=False, names=("a",)) == first(6)
+    likeliest = SimpleNamespace(best=None, likeliest=("m12", "m3", "m9"))
+    assert fitted(monkeypatch, 0.9, 0, near=False, begun=likeliest) == [*first(5), "m12", "m9"]
+    assert fitted(monkeypatch, 0.9, 0, near=False, begun=likeliest, explains="m12") == [*first(5), "m12"]
+    assert fitted(monkeypatch, 0.9, 0, near=True, begun=likeliest) == first(5)
+
+
+def test_the_programs_of_what_is_asked_for_next_are_compiled_beside_a_fit(monkeypatch):
+    """As it stands then: of one that reached the noise far ones are not asked for any more."""
+    ready, fits = [], promising._Fits(None, None, None, 40, print)  # type: ignore[arg-type]
+    monkeypatch.setattr(promising, "_compiled", lambda mechanisms, *_: ready.append([m.name for m in mechanisms]))
+    monkeypatch.setattr(fits, "add", lambda promise, bent: fits.found.setdefault(promise.mechanism.name, {}))
+    promises = [SimpleNamespace(mechanism=SimpleNamespace(name=f"m{i}")) for i in range(5)]
+    fits.add_all(promises, lambda i: i != 1 and len(fits.found) < 3)  # type: ignore[arg-type]
+    assert list(fits.found) == ["m0", "m2", "m3"]
+    assert ready == [["m2", "m3"], ["m3", "m4"], ["m4"]]
 
 
 def test_of_trials_that_came_to_the_same_place_one_goes_on():
