@@ -14,7 +14,7 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import by_law
-from scpjax.diagnose.screen import screen
+from scpjax.diagnose.screen import Promise, fresh, screen
 from scpjax.diagnose.select import Choice, prune
 from scpjax.diagnose.trials import FAR, State, afresh, at_noise, in_order, moving, strained, under_every_law, without
 from scpjax.fit.setup import Setup
@@ -156,15 +156,23 @@ def in_its_place(
     *,
     far: bool = False,
 ) -> list[str]:
-    """What may stand in the place of a name: what promises most beside the other names, ``bare``, and what had
-    evidence when the name had most. More where all names together end ``far`` from the noise.
+    """What may stand in the place of a name: what promises most beside the other names, ``bare``, where their fit
+    stands and, as the base may have been bent there to imitate it, beside the base that the data suggested at first;
+    and what had evidence when the name had most. More where all names together end ``far`` from the noise.
     """
     candidates = [m for m in catalogue.structure.mechanisms if not m.is_base and m.name not in bare.names]
-    promise = {p.mechanism.name: p.gain for p in screen(bare, split, catalogue, candidates)}
-    enough = _PROMISE * promise.get(name, 0.0)
-    first = [n for n, gain in promise.items() if n != name and gain > enough][: _BY_PROMISE_FAR if far else _BY_PROMISE]
+    first = _as_promising(name, screen(bare, split, catalogue, candidates))[: _BY_PROMISE_FAR if far else _BY_PROMISE]
+    begun = fresh(bare, split, catalogue, candidates)
+    if begun is not None:
+        first += [n for n in _as_promising(name, begun.promises)[:_BY_PROMISE] if n not in first]
     then = [n for n in accepted_beside(ranking, name, rules) if n not in first and n not in bare.names]
     return first + then[:_BY_RANK]
+
+
+def _as_promising(name: str, promises: Sequence[Promise]) -> list[str]:
+    """What promises a share worth it of what a name promises; most first."""
+    gain = {p.mechanism.name: p.gain for p in promises}
+    return [n for n in gain if n != name and gain[n] > _PROMISE * gain.get(name, 0.0)]
 
 
 def accepted_beside(ranking: Sequence[Ranked], name: str, rules: Evidence) -> list[str]:

@@ -136,12 +136,13 @@ class Fresh:
     """Beside the base parameters that the data first suggested: what promises most there, and where its fit may begin.
 
     ``best``: what improves most on them, by a share worth it. ``likeliest``: what promises most by the score test
-    there, or takes most away from where it starts; likeliest first.
+    there, or takes most away from where it starts; likeliest first. ``promises`` of the score test, most first.
     """
 
     state: State  # the hypothesis with those parameters, not fitted
     best: Mechanism | None
     likeliest: tuple[str, ...]
+    promises: tuple[Promise, ...]
 
 
 def fresh(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Mechanism]) -> Fresh | None:
@@ -168,7 +169,7 @@ def fresh(state: State, split: Split, catalogue: Setup, mechanisms: Sequence[Mec
     by_score = [p.mechanism.name for p in promises][:_BY_SCORE]
     as_simulated = list(dict.fromkeys(starts[i].mechanism.name for i in order))[:_AS_SIMULATED]
     likeliest = tuple(dict.fromkeys([*by_score, *as_simulated]))
-    return Fresh(at, starts[order[0]].mechanism if worth else None, likeliest)
+    return Fresh(at, starts[order[0]].mechanism if worth else None, likeliest, tuple(promises))
 
 
 _WORTH = 0.1  # share of the misfit, beside what the base can imitate, that a fresh start must take away

@@ -48,18 +48,23 @@ def after_exchange(choice):
 def swaps(monkeypatch):
     """Costs of what stands in a name's place, what each promises, and what was tried."""
     costs, promise, tried, fresh, width = {}, {"a": 100.0, "e": 90.0}, [], {}, {}
+    anew: dict[str, float] = {}  # what each promises beside the base first suggested
 
     def by_law(bare, name, split, close=0.0):
         tried.append((*bare.names, name))
         return {name: state([*bare.names, name], costs.get(name, 1e9), width=width.get(name, 2))}
 
-    def screen(bare, split, catalogue, candidates):
-        promises = [SimpleNamespace(mechanism=m, gain=promise.get(m.name, 0.0)) for m in candidates]
+    def screen(bare, split, catalogue, candidates, gains=promise):
+        promises = [SimpleNamespace(mechanism=m, gain=gains.get(m.name, 0.0)) for m in candidates]
         return sorted(promises, key=lambda p: -p.gain)
+
+    def begun(*asked):
+        return SimpleNamespace(promises=screen(*asked, anew)) if anew else None
 
     monkeypatch.setattr(exchange, "without", lambda s, name, _: state([n for n in s.names if n != name], 1e9))
     monkeypatch.setattr(exchange, "by_law", by_law)
     monkeypatch.setattr(exchange, "screen", screen)
+    monkeypatch.setattr(exchange, "fresh", begun)
     monkeypatch.setattr(exchange, "afresh", lambda s, _: again(s, fresh.get(s.names[-1], s.cost)))
     monkeypatch.setattr(exchange, "prune", lambda s, *_: s)
     monkeypatch.setattr(exchange, "at_noise", lambda *_: True)
@@ -74,7 +79,7 @@ def swaps(monkeypatch):
     monkeypatch.setattr(exchange, "in_order", in_order)
     monkeypatch.setattr(exchange, "is_better", lambda a, b, *_: a.cost < b.cost)
     monkeypatch.setattr(exchange, "are_equal", lambda a, b, *_: abs(a.cost - b.cost) < 5.0)
-    return SimpleNamespace(costs=costs, promise=promise, tried=tried, fresh=fresh, width=width)
+    return SimpleNamespace(costs=costs, promise=promise, tried=tried, fresh=fresh, anew=anew, width=width)
 
 
 @pytest.mark.parametrize(("square", "tried"), [(1.5, True), (1.8, False)])
@@ -222,6 +227,19 @@ def test_what_promises_most_beside_the_others_is_tried_and_what_had_evidence(swa
     swaps.promise |= {"f": 29.0, "g": 20.0, "c": 0.0}  # of the 100 that the name itself promises
     tried = in_its_place("a", state(["e"], 1.0), RANKING, None, Evidence(), CATALOGUE)  # type: ignore[arg-type]
     assert tried == ["b"]
+
+
+def test_what_promises_as_much_beside_the_base_first_suggested_is_tried_too(swaps):
+    """Where the fit of the others stands, their base may have been bent to imitate it: there it promises nothing."""
+    swaps.anew |= {"a": 100.0, "g": 95.0, "b": 60.0, "d": 50.0}
+    tried = in_its_place("a", state(["e"], 1.0), [], None, Evidence(), CATALOGUE)  # type: ignore[arg-type]
+    assert tried == ["g", "b"]
+    swaps.promise |= {"g": 80.0, "f": 60.0}
+    tried = in_its_place("a", state(["e"], 1.0), [], None, Evidence(), CATALOGUE)  # type: ignore[arg-type]
+    assert tried == ["g", "f", "b"]
+    swaps.anew |= {"a": 1000.0}
+    tried = in_its_place("a", state(["e"], 1.0), [], None, Evidence(), CATALOGUE)  # type: ignore[arg-type]
+    assert tried == ["g", "f"]
 
 
 @pytest.mark.parametrize(("closest", "told"), [(90.0, "closest"), (110.0, "alike")])
