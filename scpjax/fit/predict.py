@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy import signal
+from scipy import optimize, signal
 
 from scpjax.errors import ModelError, ScpjaxError
 from scpjax.fit.data import columns
@@ -117,12 +117,26 @@ def first_state(model: Model, recording: Recording, noise: Mapping[str, float]):
         if n_t not in clear and not any(j < n_t for j in clear):
             return rest
         if n_t in clear and not any(j < n_t for j in first) and n_t == 1:
-            slope = float(model.value("thermal_actuation.coefficient") / model.value("elastic_spring.stiffness"))
-            warm[0] = clear[n_t] * (s.pulley_radius or 1.0) / slope
+            warm[0] = _as_warm_as_moved(model, clear[n_t], first[n_t][0])
         both_read = all(j in first for j in range(n_t + 1))
         beside = _beside(model, warm, first, noise) if both_read else 0.0
         return model.initial(jnp.asarray(warm), displaced=beside)
     return model.initial(displaced=clear.get(0, 0.0), effort=effort0)
+
+
+def _as_warm_as_moved(model: Model, away: float, reading: float) -> float:
+    """How warm [K above ambient] an actuator alone stands still at a reading of its displacement (m), ``away`` from
+    that of rest: by its linear balance, or by all of them where a warmth to four times that meets the reading.
+    """
+    slope = float(model.value("thermal_actuation.coefficient") / model.value("elastic_spring.stiffness"))
+    linear = away * (model.structure.pulley_radius or 1.0) / slope
+
+    def short(warm: float) -> float:
+        still = model.initial(jnp.asarray([warm]))
+        return reading - float(model.observe(still, jnp.zeros(1))[1])
+
+    most = next((share * linear for share in (1.0, 2.0, 4.0) if short(share * linear) * away <= 0.0), None)
+    return linear if most is None else float(optimize.brentq(short, 0.0, most, xtol=1e-3))
 
 
 def _beside(

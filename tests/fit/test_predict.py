@@ -75,6 +75,33 @@ def test_a_heated_actuator_is_seldom_colder_than_its_room(off, begins):
     assert said["temperature_degC"][0] - read[1] == pytest.approx(0.1 * begins, abs=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("left_out", "value"),
+    [
+        (None, {}),
+        ("slack", {"gap": 0.2, "corner": 0.02, "reference": 0.01}),
+        ("nonlinear_stiffness", {"quadratic": 0.0, "cubic": 2.0, "reference": 0.01}),
+    ],
+)
+@pytest.mark.parametrize("warm", [25.0, 60.0])
+def test_where_only_the_displacement_is_read_it_begins_as_warm_as_that_takes(left_out, value, warm):
+    """It stood still there for long, by all of its balances."""
+    model = presets.plant(
+        resistance=1.2, conductance=0.14, thermal_mass=1.1, coefficient=0.024, stiffness=150.0, damping=8.0, mass=0.25
+    )
+    if left_out:
+        model = Model(model.structure.with_mechanisms(mechanism(left_out)), ambient=model.ambient).replace(
+            model.values() | {f"{left_out}.{k}": v for k, v in value.items()}
+        )
+    moved = float(model.observe(model.initial(warm), np.zeros(1))[1])
+    assert moved > 1e-3
+    read = np.full(50, 1e3 * moved)
+    recording = Recording.from_arrays(0.1 * np.arange(50), {"voltage_V": np.zeros(50)}, {"displacement_mm": read})
+    _, said = predict(model, recording, noise={"displacement_mm": 0.01}, response_columns=("temperature_degC",))
+    assert said["displacement_mm"][0] == pytest.approx(1e3 * moved, abs=1e-3)
+    assert said["temperature_degC"][0] + 273.15 - float(model.ambient) == pytest.approx(warm, abs=0.05)
+
+
 def test_where_a_step_goes_astray_it_is_halved():
     """An element thirty times as stiff as the spring, which slips by 0.07 mm: four steps a sample ring with it."""
     base = presets.plant(
