@@ -135,7 +135,8 @@ def _as_warm_as_moved(model: Model, away: float, reading: float) -> float:
         still = model.initial(jnp.asarray([warm]))
         return reading - float(model.observe(still, jnp.zeros(1))[1])
 
-    most = next((share * linear for share in (1.0, 2.0, 4.0) if short(share * linear) * away <= 0.0), None)
+    cold = short(0.0)
+    most = next((share * linear for share in (1.0, 2.0, 4.0) if short(share * linear) * cold <= 0.0), None)
     return linear if most is None else float(optimize.brentq(short, 0.0, most, xtol=1e-3))
 
 
