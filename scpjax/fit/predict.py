@@ -137,7 +137,7 @@ def _as_warm_as_moved(model: Model, away: float, reading: float) -> float:
 
     cold = short(0.0)
     most = next((share * linear for share in (1.0, 2.0, 4.0) if short(share * linear) * cold <= 0.0), None)
-    return linear if most is None else float(optimize.brentq(short, 0.0, most, xtol=1e-3))
+    return linear if most is None else float(optimize.root_scalar(short, bracket=(0.0, most), xtol=1e-3).root)
 
 
 def _beside(
