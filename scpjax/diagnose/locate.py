@@ -31,7 +31,7 @@ class Binned:
 
 
 def observe(setup: Setup, data: Data, trial: Trial, residual: np.ndarray) -> Binned:
-    """Bin means of what the model simulates beside the residuals."""
+    """Bin means of what the model simulates beside the residuals; of a motion of which nothing was recorded, none."""
     outputs = np.asarray(outputs_of(trial, data, setup.space))
     r, k, _ = residual.shape
     at = np.asarray(data.grids.at)
@@ -52,7 +52,7 @@ def observe(setup: Setup, data: Data, trial: Trial, residual: np.ndarray) -> Bin
     there = np.isfinite(np.asarray(data.norm))
     s = setup.structure
     warm = mean(outputs[..., 0] - np.asarray(data.ambient)[:, None]) if s.thermal else None
-    moved = mean(outputs[..., -1]) if s.mechanical else None
+    moved = mean(outputs[..., -1]) if s.mechanical and there[..., -1].any() else None
     speed = None if moved is None else np.gradient(moved, axis=1) / (data.bin * step)
     own = {stem: mean(outputs[..., j]) for j, stem in enumerate(s.outputs)} if s.system else {}
     return Binned(residual, there, time, drive, warm, moved, speed, own)

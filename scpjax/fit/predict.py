@@ -125,19 +125,24 @@ def first_state(model: Model, recording: Recording, noise: Mapping[str, float]):
 
 
 def _as_warm_as_moved(model: Model, away: float, reading: float) -> float:
-    """How warm [K above ambient] an actuator alone stands still at a reading of its displacement (m), ``away`` from
-    that of rest: by its linear balance, or by all of them where a warmth to four times that meets the reading.
+    """How warm [K above ambient] an actuator alone stands still at a reading of its displacement (m, or rad), ``away``
+    from that of rest: by its linear balance, or by all of them where a warmth to four times that meets the reading.
     """
     slope = float(model.value("thermal_actuation.coefficient") / model.value("elastic_spring.stiffness"))
     linear = away * (model.structure.pulley_radius or 1.0) / slope
 
     def short(warm: float) -> float:
-        still = model.initial(jnp.asarray([warm]))
-        return reading - float(model.observe(still, jnp.zeros(1))[1])
+        return reading - _still(model, np.array([warm]))
 
     cold = short(0.0)
     most = next((share * linear for share in (1.0, 2.0, 4.0) if short(share * linear) * cold <= 0.0), None)
     return linear if most is None else float(optimize.root_scalar(short, bracket=(0.0, most), xtol=1e-3).root)
+
+
+def _still(model: Model, warm: np.ndarray) -> float:
+    """Reading of the displacement (m, or rad) of an actuator that has long been so warm (sides,) [K above ambient]."""
+    n = len(model.structure.sides)
+    return float(model.observe(model.initial(jnp.asarray(warm)), jnp.zeros(n))[n])
 
 
 def _beside(
@@ -146,9 +151,8 @@ def _beside(
     """How far [m] from its equilibrium at a temperature an actuator begins; 0 where the noise, of its displacement and
     of the temperature by which its equilibrium is known, may be all of it."""
     s, n = model.structure, len(model.structure.sides)
-    read = lambda t: float(model.observe(model.initial(jnp.asarray(t)), jnp.zeros(n))[n])  # noqa: E731
-    still, sigma = read(warm), {j: noise.get(column, 0.0) * scale for j, (_, column, scale) in first.items()}
-    doubt = np.hypot(sigma[n], sum(abs(read(warm + sigma[j] * np.eye(n)[j]) - still) for j in range(n)))
+    still, sigma = _still(model, warm), {j: noise.get(column, 0.0) * scale for j, (_, column, scale) in first.items()}
+    doubt = np.hypot(sigma[n], sum(abs(_still(model, warm + sigma[j] * np.eye(n)[j]) - still) for j in range(n)))
     beside = first[n][0] - still
     return beside * (s.pulley_radius or 1.0) if abs(beside) > _CLEAR * doubt else 0.0
 

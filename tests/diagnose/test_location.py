@@ -60,7 +60,11 @@ def test_a_force_is_missed_only_where_its_effect_was_recorded(columns, seen):
     setup = setup_of(*columns)
     trial = setup.trial(np.asarray(setup.starts[0]), setup.base_active)
     residual = np.random.default_rng(2).standard_normal(np.asarray(setup.data.target).shape)
-    found = missing(Misfit(setup, setup.data, trial, observe(setup, setup.data, trial, residual)))
+    meanwhile = observe(setup, setup.data, trial, residual)
+    found = missing(Misfit(setup, setup.data, trial, meanwhile))
     assert ("force" in {m.place for m in found}) == seen
+    # nor does anything depend on a motion that nobody saw
+    assert all(("displacement" in dict(m.depends_on)) == seen for m in found)
+    assert all((b is not None) == seen for b in (meanwhile.displacement, meanwhile.velocity))
     assert "heat" in {m.place for m in found}
     assert all(np.all(np.isfinite(s)) for m in found for s in m.std)
