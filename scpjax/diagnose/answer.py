@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.curve import Curve
 from scpjax.diagnose.distil import draw
 from scpjax.diagnose.expression import describe, in_words
@@ -18,7 +19,6 @@ from scpjax.diagnose.outside import AT_NOISE, Beyond, balance_of, form_at_most, 
 from scpjax.diagnose.reaction import Reaction, draw_reaction
 from scpjax.diagnose.result import FREE, Closure, Diagnosis, Drawn, Latent, Named, Reference, Scores, Verdict
 from scpjax.diagnose.rhythm import Rhythm
-from scpjax.diagnose.select import Choice
 from scpjax.diagnose.swing import Swing, draw_swing
 from scpjax.diagnose.trials import State, residual_on
 from scpjax.fit.fit import final_model, noise_by_column, scores, traces

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 from scpjax.abreast import meanwhile
 from scpjax.diagnose.answer import answer
+from scpjax.diagnose.choice import Choice, Progress
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.expression import in_words
 from scpjax.diagnose.free import nameless
@@ -31,7 +32,6 @@ from scpjax.diagnose.result import Diagnosis, Latent
 from scpjax.diagnose.rhythm import Rhythm, rhythm, ripple
 from scpjax.diagnose.rivals import Outcome, next_experiment
 from scpjax.diagnose.screen import ready
-from scpjax.diagnose.select import Choice, Progress
 from scpjax.diagnose.swing import Swing, swinging
 from scpjax.diagnose.trials import State, grown
 from scpjax.fit.fit import best_start, refine, settle

@@ -9,13 +9,14 @@ from functools import partial
 import numpy as np
 
 from scpjax.abreast import abreast
+from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, are_equal, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.patience import Patience
+from scpjax.diagnose.pruning import prune
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.screen import Promise, fresh, screen
-from scpjax.diagnose.select import Choice, prune
 from scpjax.diagnose.trials import FAR, State, afresh, at_noise, in_order, moving, strained, under_every_law, without
 from scpjax.fit.setup import Setup
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit
 
+from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.curve import Curve, curves, finer, forms_named
 from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, ahead, are_equal, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.outside import AT_NOISE, level
-from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scpjax.diagnose.choice import Choice, Progress
 from scpjax.diagnose.curve import Curve
 from scpjax.diagnose.evidence import Evidence, is_better
 from scpjax.diagnose.exchange import exchanged
@@ -16,7 +17,8 @@ from scpjax.diagnose.free import Free, free_law, one_for_several
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.outside import AT_NOISE, level
 from scpjax.diagnose.patience import Patience
-from scpjax.diagnose.select import Choice, Progress, choose, prune
+from scpjax.diagnose.pruning import prune
+from scpjax.diagnose.select import choose
 from scpjax.diagnose.together import choose_together
 from scpjax.diagnose.trials import State, afresh, at_rest, misfit, residual_on, under_each_law, under_every_law
 from scpjax.fit.data import Data

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.closure import Learned, learn, offers
 from scpjax.diagnose.curve import Curve, bend, forms_named
 from scpjax.diagnose.evidence import Evidence, ahead, at_its_least, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.reaction import Reaction, reacting
 from scpjax.diagnose.result import Latent
-from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State, misfit, strained, without
 from scpjax.fit.identifiability import at_limit, estimates, held_back, uncertainty
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scpjax.diagnose.choice import Choice, Progress
 from scpjax.diagnose.evidence import Comparison, Evidence, compare, equals, probabilities
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.result import Ranked
-from scpjax.diagnose.select import Choice, Progress
 from scpjax.diagnose.trials import (
     State,
     at_noise,

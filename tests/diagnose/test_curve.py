@@ -12,11 +12,11 @@ from diagnose.heated import LOSS, lacking_in, recorded, rubbed, rubbed_by_air
 
 from scpjax.diagnose import outside, trials
 from scpjax.diagnose.answer import answer
+from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.curve import CURVES, Curve, bend
 from scpjax.diagnose.distil import distilled
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.outside import level
-from scpjax.diagnose.select import Choice
 from scpjax.fit.setup import carry
 from scpjax.physics import presets
 from scpjax.physics.catalogue import mechanism

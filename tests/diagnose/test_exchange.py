@@ -7,12 +7,12 @@ from diagnose.creeping import AMBIENT
 from diagnose.heated import LOSS, base_of, recorded
 
 from scpjax.diagnose import exchange
+from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.exchange import accepted_beside, exchanged, in_its_place
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import added
-from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import at_rest, starts_with, trial_at, under_every_law
 
 RANKING = (

@@ -8,6 +8,7 @@ from diagnose.creeping import BASE
 from diagnose.heated import DRIVE, LOSS, TIME, base_of, lacking_in, nothing, recorded, rubbed_by_air
 
 from scpjax.diagnose.answer import TRUSTED, answer
+from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.curve import curves, drives_differ
 from scpjax.diagnose.diagnose import diagnose
 from scpjax.diagnose.distil import given
@@ -17,7 +18,6 @@ from scpjax.diagnose.free import free_law, nameless, one_for_several
 from scpjax.diagnose.outside import level
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import Outcome, added, rivals
-from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State
 from scpjax.physics.catalogue import catalogue, mechanism
 from scpjax.physics.mechanisms.learned_force_curve import LearnedForceCurve

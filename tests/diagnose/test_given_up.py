@@ -10,6 +10,7 @@ from diagnose.heated import LOSS, base_of, lacking_in, nothing, recorded, rubbed
 
 from scpjax.diagnose import outside
 from scpjax.diagnose.answer import TRUSTED, _nearest, answer
+from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.closure import Learned
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.expression import _instead
@@ -23,7 +24,6 @@ from scpjax.diagnose.outside import (
     level,
 )
 from scpjax.diagnose.rivals import added
-from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import State, strained
 from scpjax.fit import identifiability
 

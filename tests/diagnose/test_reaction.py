@@ -7,11 +7,11 @@ from diagnose.heated import LOSS, base_of, lacking_in, recorded
 
 from scpjax.diagnose import outside
 from scpjax.diagnose.answer import _nearest, answer
+from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.outside import AT_NOISE, beyond_names, form_rather_than_name, level
 from scpjax.diagnose.reaction import Reaction
 from scpjax.diagnose.rivals import added
-from scpjax.diagnose.select import Choice
 from scpjax.recordings import excitation
 from scpjax.recordings.recording import Metadata, Recording
 

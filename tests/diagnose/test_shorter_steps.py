@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.diagnose import _base
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.naming import Found, _by_shorter_steps, _Seeker
 from scpjax.diagnose.outside import AT_NOISE, level
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.rivals import added
-from scpjax.diagnose.select import Choice
 from scpjax.diagnose.trials import under_every_law
 from scpjax.fit.setup import prepare
 from scpjax.fit.solve import outputs_of

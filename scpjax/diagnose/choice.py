@@ -1,0 +1,38 @@
+"""What a selection ended with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from scpjax.diagnose.result import Ranked
+from scpjax.diagnose.trials import State
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How it ended: the hypothesis chosen, all that was tried, and what could stand in for what.
+
+    ``given_up``: names that came nearest and are none, and the share of the held-out misfit that they left;
+    ``overstretched``: those of them that asked for more than their laws allow; ``outdone``: something learned explains
+    what they do, and better.
+    ``free``: the name of a mechanism that a learned curve is, which the hypothesis does not hold. ``settled``: every
+    name was set against what could stand in its place.
+    """
+
+    state: State
+    ranking: tuple[Ranked, ...]
+    probability: dict[str, float]
+    equivalents: dict[str, tuple[str, ...]]
+    given_up: tuple[tuple[str, ...], float] = ((), 0.0)
+    overstretched: tuple[str, ...] = ()
+    outdone: bool = False
+    free: str = ""
+    settled: bool = False
+
+    def with_only(self, state: State) -> Choice:
+        """The choice with fewer names, those of ``state``."""
+        chance = {n: self.probability[n] for n in state.names}
+        return Choice(state, self.ranking, chance, {n: self.equivalents.get(n, ()) for n in state.names})

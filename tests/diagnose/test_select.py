@@ -1,0 +1,143 @@
+"""How the selection goes: which ways it follows, when it ends, what it takes back. The fits are played."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scpjax.diagnose import select
+from scpjax.diagnose.evidence import Comparison, Evidence
+from scpjax.diagnose.patience import Patience
+
+sys.path.insert(0, str(Path(__file__).parent))
+from playing import Played, chosen, played, put
+
+
+def test_the_program_for_a_next_round_is_made_ready_where_there_will_be_one(monkeypatch):
+    for misfits, times in (({"a": 500.0, "ab": 1.0}, 1), ({"a": 1.0}, 0), ({"a": 995.0}, 0)):
+        asked: list[object] = []
+        played(monkeypatch, misfits)
+        put(monkeypatch, "ready_beside_names", asked.append)
+        chosen()
+        assert len(asked) == times, misfits
+
+
+def test_out_of_patience_no_third_round_or_other_way_is_begun(monkeypatch):
+    """What two rounds found is told; at the noise nothing was left, and nothing is said."""
+    asked = played(monkeypatch, {"a": 500.0, "b": 560.0, "ab": 300.0, "bc": 200.0, "abc": 1.0})
+    patience = Patience(0.0)
+    found = select.choose(Played((), 1000.0), None, Evidence(), None, patience=patience)  # type: ignore[arg-type]
+    assert (found.state.names, asked) == (("a", "b"), [(), ("a",)])
+    assert "--minutes" in patience.notes()[0]
+    played(monkeypatch, {"a": 1.0})
+    patience = Patience(0.0)
+    select.choose(Played((), 1000.0), None, Evidence(), None, patience=patience)  # type: ignore[arg-type]
+    assert patience.notes() == ()
+
+
+def test_patience_ends_when_it_is_over():
+    now, later = Patience(0.0), Patience(3600.0)
+    assert now.over()
+    assert not later.over()
+    assert not Patience().over()
+    assert later.notes() == ()
+
+
+def test_where_it_ends_away_from_the_noise_another_way_is_gone(monkeypatch):
+    """``a`` imitates what ``b`` and ``c`` do together."""
+    asked = played(monkeypatch, {"a": 500.0, "b": 900.0, "ac": 300.0, "bc": 1.0})
+    assert chosen() == {"b", "c"}
+    assert asked.index(("a", "c")) < asked.index(("b",))
+
+
+def test_no_other_way_is_gone_where_the_names_are_mended(monkeypatch):
+    """Before it is: what the exchange of names brings to the noise is told; else the better of that and of the way."""
+    costs = {"a": 500.0, "b": 900.0, "ac": 300.0, "bc": 100.0}
+    mended = []
+
+    def mend(choice):
+        mended.append(choice.state.names)
+        cost = after.get("".join(sorted(choice.state.names)), choice.state.cost)
+        return replace(choice, state=Played(choice.state.names, cost))
+
+    def told() -> float:
+        found = select.choose(Played((), 1000.0), None, Evidence(), None, mend=mend)  # type: ignore[arg-type]
+        return found.state.cost  # type: ignore[return-value]
+
+    after = {"ac": 1.0}
+    asked = played(monkeypatch, costs)
+    assert told() == 1.0
+    assert ("b",) not in asked
+    after = {"ac": 200.0, "bc": 50.0}
+    played(monkeypatch, costs)
+    mended.clear()
+    assert told() == 50.0
+    assert mended == [("a", "c"), ("b", "c")]
+    after = {"ac": 80.0}
+    asked = played(monkeypatch, costs)
+    mended.clear()
+    assert told() == 80.0
+    assert ("b",) in asked
+    assert mended == [("a", "c")]
+
+
+@pytest.mark.parametrize(("ac", "bc"), [(300.0, 1.0), (302.0, 300.0)])
+def test_what_speaks_for_the_first_name_of_another_way_is_the_whole_way(monkeypatch, ac, bc):
+    """Alone ``b`` is nowhere; with ``c`` it does as much better than ``a`` with ``c`` as BIC says."""
+    played(monkeypatch, {"a": 500.0, "b": 900.0, "ac": ac, "bc": bc, "c": 970.0})
+    found = select.choose(Played((), 1000.0), None, Evidence(), None)  # type: ignore[arg-type]
+    assert found.probability["b"] == pytest.approx(1 / (1 + np.exp(-(ac - bc) / 2)))
+
+
+def test_told_first_is_what_alone_explained_most(monkeypatch):
+    """``a`` with ``c`` cannot be reached by way of ``a``, which is ahead, but by way of ``c``."""
+    played(monkeypatch, {})
+
+    def with_one_more(state, split, rules, catalogue, *, max_steps, tell, contenders):
+        after = {(): {"a": 500.0, "c": 900.0}, ("c",): {"a": 1.0}}.get(state.names, {})
+        found = [(n, Played((*state.names, n), left)) for n, left in after.items()]
+        return [Comparison(s, n, "", state.cost - s.cost, 0.5, 50.0, 0.5, True) for n, s in found]
+
+    put(monkeypatch, "try_all", with_one_more)
+    put(monkeypatch, "ready_beside_names", lambda catalogue: None)
+    found = select.choose(Played((), 1000.0), None, Evidence(), None)  # type: ignore[arg-type]
+    assert found.state.names == ("a", "c")
+    assert found.probability["c"] > 0.99
+
+
+@pytest.mark.parametrize(("worth", "names"), [(True, {"a", "c"}), (False, {"a"})])
+def test_another_way_that_only_adds_a_name_has_to_be_worth_it(monkeypatch, worth, names):
+    """``c`` beside ``a``, found by way of ``c``, takes a little more away than ``a`` alone."""
+    played(monkeypatch, {})
+
+    def with_one_more(state, split, rules, catalogue, *, max_steps, tell, contenders):
+        after = {(): {"a": 10.0, "c": 900.0}, ("c",): {"a": 8.0}}.get(state.names, {})
+        found = [(n, Played((*state.names, n), left)) for n, left in after.items()]
+        return [Comparison(s, n, "", state.cost - s.cost, 0.5, 50.0, 0.5, True) for n, s in found]
+
+    put(monkeypatch, "try_all", with_one_more)
+    put(monkeypatch, "ready_beside_names", lambda catalogue: None)
+    put(monkeypatch, "worthwhile", lambda before, after, *_: worth or before.names != ("a",))
+    assert chosen() == names
+
+
+def test_another_way_that_falls_behind_is_left(monkeypatch):
+    asked = played(monkeypatch, {"a": 500.0, "b": 900.0, "ac": 300.0, "bc": 400.0, "bcd": 1.0})
+    assert chosen() == {"a", "c"}
+    assert ("b",) in asked
+    assert ("b", "c") not in asked
+
+
+def test_the_search_can_be_ended_with_the_first_name(monkeypatch):
+    asked = played(monkeypatch, {"a": 500.0, "ab": 1.0})
+    found = select.choose(Played((), 1000.0), None, Evidence(), None, enough=lambda s: s.names == ("a",))  # type: ignore[arg-type]
+    assert set(found.state.names) == {"a"}
+    assert asked == [()]
+
+
+def test_the_same_names_by_two_ways_are_gone_on_from_once(monkeypatch):
+    asked = played(monkeypatch, {"a": 500.0, "b": 505.0, "ab": 200.0, "abc": 1.0})
+    assert chosen() == {"a", "b", "c"}
+    assert [set(names) for names in asked].count({"a", "b"}) == 1
