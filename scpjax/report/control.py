@@ -118,8 +118,8 @@ def tracking_figure(responses: tuple[Response, Response]) -> Figure:
     for axis, label in zip(axes, ("Angle\n(°)", "Error\n(°)", "Voltage after\n(V)"), strict=True):
         axis.set_ylabel(label)
         plot.style(axis)
-    axes[2].legend(loc="upper right", ncols=2, frameon=False, fontsize=7.5, borderaxespad=0.0)
-    axes[2].set_ylim(0, 1.3 * float(np.max(np.asarray(responses[1].voltage), initial=0.1)))
+    axes[2].set_ylim(0, max(axes[2].get_ylim()[1], 0.1))
+    plot.legend_above(axes[2])
     axes[2].set_xlabel("Time (s)")
     axes[2].set_xlim(time[0], time[-1])
     figure.legend(*axes[0].get_legend_handles_labels(), loc="upper right", ncols=3, frameon=False, fontsize=8.5,

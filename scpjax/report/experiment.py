@@ -30,7 +30,7 @@ def figure(e: NextExperiment) -> Figure:
     words, unit = column(e.drive_columns[0])
     axes[0].set_ylabel(f"{words.split()[0]}\n({unit})")
     if len(e.drive_columns) > 1:
-        axes[0].legend(loc="upper right", ncols=2, frameon=False, fontsize=7.5, borderaxespad=0.0)
+        plot.legend_above(axes[0])
     for i, name in enumerate(columns):
         words, unit = column(name)
         above, below = axes[2 * i + 1], axes[2 * i + 2]

@@ -148,7 +148,15 @@ def _drive(axis: Axes, trace: Trace) -> None:
     axis.yaxis.set_major_locator(MaxNLocator(3))
     if len(trace.drive_columns) > 1:
         names = [words_of(n)[0].split(maxsplit=1)[-1] for n in trace.drive_columns]
-        axis.legend(names, loc="upper right", ncols=2, frameon=False, fontsize=7.5, borderaxespad=0.0)
+        legend_above(axis, names)
+
+
+def legend_above(axis: Axes, names: list[str] | None = None) -> None:
+    """Names of the curves of a low panel (their labels, without ``names``), in room made for them above the curves."""
+    low, high = axis.get_ylim()
+    axis.set_ylim(low, high + 0.45 * (high - low))
+    names = names or axis.get_legend_handles_labels()[1]
+    axis.legend(names, loc="upper right", ncols=2, frameon=False, fontsize=7.5, borderaxespad=0.0)
 
 
 def _stretches(trace: Trace) -> list[tuple[float, float]]:

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from scpjax.fit.result import Trace
 from scpjax.report.numbers import estimate, interval, number, percent, plus_minus
-from scpjax.report.plot import envelope
+from scpjax.report.plot import envelope, overlay, png
 
 
 @pytest.mark.parametrize("n", [50, 200_000])
@@ -27,6 +28,20 @@ def test_a_hole_in_a_long_signal_stays_a_hole():
     y[40_000:60_000] = np.nan
     t, thin = envelope(np.arange(100_000), y)
     assert np.isnan(thin[(t > 40_500) & (t < 59_500)]).all()
+
+
+def test_the_names_of_two_voltages_stand_above_their_curves():
+    t = np.linspace(0.0, 60.0, 600)
+    volts = np.stack([4 + 3 * np.sin(t), 4 - 3 * np.sin(t)], axis=1)
+    columns = ("v_agonist_v", "v_antagonist_v")
+    trace = Trace("r", "angle_deg", t, volts, columns, volts[:, 0], np.ones(600), volts[:, 1], volts[:, 0], t < 9)
+    figure = overlay([trace], noise={}, labels=("base", "found"))
+    assert png(figure)
+    axis = figure.axes[-1]
+    legend = axis.get_legend()
+    assert legend is not None
+    top = axis.transData.transform((0.0, float(np.max(volts))))[1]
+    assert legend.get_window_extent().y0 > top
 
 
 @pytest.mark.parametrize(
