@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from scpjax.abreast import meanwhile
 from scpjax.diagnose.answer import answer
 from scpjax.diagnose.choice import Choice, Progress
-from scpjax.diagnose.evidence import Evidence
+from scpjax.diagnose.evidence import Evidence, is_better
 from scpjax.diagnose.expression import in_words
 from scpjax.diagnose.free import nameless
 from scpjax.diagnose.holdout import Split, split
@@ -25,6 +25,7 @@ from scpjax.diagnose.outside import (
     form_rather_than_name,
     level,
     nothing_explains,
+    outdone,
 )
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.profiles import Limits
@@ -129,17 +130,25 @@ def _base(setup: Setup) -> tuple[Split, State, tuple[str, ...]]:
 def _beyond(
     found: Found, misfit: Misfit, lacking: tuple[Latent, ...], rules: Evidence, tell: Progress
 ) -> tuple[Choice, Beyond | Swing | None, Rhythm | None]:
-    """What is named in the end, what is learned beyond it, and what repeats where nothing explains the misfit."""
+    """What is named in the end, what is learned beyond it, and what repeats, where nothing explains the misfit or where
+    that alone does better than what does not reach the noise, or than a name that goes by a curve.
+    """
     parts, base, choice, learned = found.parts, found.base, found.choice, found.curve
     if learned is None and level(choice.state, parts) > AT_NOISE:
         tell("learning what the catalogue does not hold", 0.75)
         choice, learned = beyond_names(parts, base, choice, rules, able(lacking))
     elif learned is None:
         choice, learned = form_rather_than_name(parts, base, choice, rules)
-    if not nothing_explains(base, choice, learned, parts):
+    best = learned.state if learned is not None else choice.state
+    nothing = nothing_explains(base, choice, learned, parts)
+    if not (nothing or choice.free or level(best, parts) > AT_NOISE):
         return choice, learned, None
     swing, by_swing = _repeating(misfit, lacking, base, parts, rules)
-    return choice, by_swing or learned, swing
+    if nothing:
+        return choice, by_swing or learned, swing
+    if by_swing is None or not is_better(by_swing.state, best, parts, rules):
+        return choice, learned, None
+    return outdone(choice, best, base, parts), by_swing, swing
 
 
 def _repeating(

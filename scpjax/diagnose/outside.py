@@ -108,7 +108,7 @@ def beyond_names(
     """
     alone = _instead_of_doubtful(base, choice.state, parts, rules) if form_at_most(base, choice.state, parts) else None
     if alone is not None:
-        return _outdone(choice, base, parts), alone
+        return outdone(choice, choice.state, base, parts), alone
     ends = _asking_for_more(choice.state, parts)
     if ends:
         fewer, learned = _without_them(parts, base, _fewer(choice, ends, base, parts), rules, where)
@@ -147,9 +147,11 @@ def _told_of(choice: Choice, before: Choice, ends: tuple[str, ...], base: State,
     return replace(choice, given_up=(names, left), overstretched=ends)
 
 
-def _outdone(before: Choice, base: State, parts: Split) -> Choice:
-    """Nothing named, as what was learned in the place of the names does better."""
-    return _told_of(Choice(base, before.ranking, {}, {}, outdone=True), before, (), base, parts)
+def outdone(before: Choice, best: State, base: State, parts: Split) -> Choice:
+    """Nothing named, as what was learned in the place of the names, which led to ``best``, does better."""
+    names = before.state.names or ((before.free,) if before.free else ())
+    left = _unexplained(best, parts.is_held) / max(_unexplained(base, parts.is_held), 1e-300)
+    return Choice(base, before.ranking, {}, {}, given_up=(names, left), outdone=bool(names))
 
 
 def _beyond(
@@ -166,7 +168,7 @@ def _beyond(
             return choice, corrected
         reaction = _one_reaction(base, choice.state, parts, rules)
         if reaction is not None:
-            return _outdone(choice, base, parts), reaction
+            return outdone(choice, choice.state, base, parts), reaction
         return choice, corrected
     alone = closure(base, parts, rules, where)
     if not choice.state.names:

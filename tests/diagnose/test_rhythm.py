@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 from diagnose.heated import BASE, DRIVE, LOSS, NOISE, TIME, base_of, nothing, recorded, rubbed_by_air
 
+from scpjax.diagnose import diagnose as room
+from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.diagnose import diagnose
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.holdout import Split, split
 from scpjax.diagnose.latent import Misfit, missing
 from scpjax.diagnose.locate import observe
-from scpjax.diagnose.outside import level
+from scpjax.diagnose.naming import Found
+from scpjax.diagnose.outside import level, outdone
 from scpjax.diagnose.rhythm import Rhythm, rhythm, ripple
 from scpjax.diagnose.swing import swinging
 from scpjax.diagnose.trials import State, residual_on
@@ -226,3 +229,38 @@ def test_a_ripple_is_told_as_what_it_is(tmp_path):
     assert found.closure.expression.startswith("displacement reads too much by s(x), s = 0.2")
     assert found.extended.held_out["displacement_mm"]["rmse"] < 1.1 * NOISE["displacement_mm"]
     assert "It repeats with every 0.9 mm of displacement" in write_diagnosis(found, tmp_path).read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("free", "left", "by_swing", "told"),
+    [
+        ("thermal_softening", 1.0, 0.5, "swing"),  # a curve at the noise, and less is left by what repeats
+        ("thermal_softening", 1.0, 2.0, "curve"),
+        ("", 1.0, 0.5, "curve"),  # a closure at the noise: nothing is asked
+        ("", 4.0, 3.0, "swing"),
+        ("", 4.0, None, "curve"),
+    ],
+)
+def test_what_repeats_stands_against_a_curve(monkeypatch, free, left, by_swing, told):
+    """Where that goes by a name, or does not reach the noise."""
+    played = lambda level: None if level is None else SimpleNamespace(state=SimpleNamespace(level=level, names=()))  # noqa: E731
+    base = SimpleNamespace(level=9.0, names=())
+    choice = Choice(base, (), {free: 0.9} if free else {}, {}, free=free)  # type: ignore[arg-type]
+    curve, swing = played(left), played(by_swing)
+    monkeypatch.setattr(room, "level", lambda state, parts: state.level)
+    monkeypatch.setattr(room, "is_better", lambda a, b, parts, rules: a.level < b.level)
+    monkeypatch.setattr(room, "nothing_explains", lambda *_: False)
+    monkeypatch.setattr(room, "_repeating", lambda *_: ("period", swing))
+    monkeypatch.setattr(room, "outdone", lambda before, best, base, parts: Choice(base, (), {}, {}, outdone=True))
+    found = Found(None, base, choice, curve)  # type: ignore[arg-type]
+    after, learned, period = room._beyond(found, None, (), Evidence(), lambda *_: None)  # type: ignore[arg-type]
+    assert learned is (swing if told == "swing" else curve)
+    assert period == ("period" if told == "swing" else None)
+    assert (after.outdone, after.free) == (told == "swing", "" if told == "swing" else free)
+
+
+def test_a_curve_that_is_outdone_is_told_of():
+    base, parts = out_of_round()
+    after = outdone(Choice(base, (), {"slack": 0.9}, {}, free="slack"), base, base, parts)
+    assert (after.given_up, after.outdone, after.free) == ((("slack",), pytest.approx(1.0)), True, "")
+    assert outdone(Choice(base, (), {}, {}), base, base, parts).given_up[0] == ()

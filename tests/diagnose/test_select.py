@@ -1,18 +1,14 @@
 """How the selection goes: which ways it follows, when it ends, what it takes back. The fits are played."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnose.playing import Played, chosen, played, put
 
 from scpjax.diagnose import select
 from scpjax.diagnose.evidence import Comparison, Evidence
 from scpjax.diagnose.patience import Patience
-
-sys.path.insert(0, str(Path(__file__).parent))
-from playing import Played, chosen, played, put
 
 
 def test_the_program_for_a_next_round_is_made_ready_where_there_will_be_one(monkeypatch):

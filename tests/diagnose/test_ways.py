@@ -1,16 +1,11 @@
 """A round on a way: what is tried and named, and which ways are gone on. The fits are played."""
 
-import sys
-from pathlib import Path
-
 import pytest
+from diagnose.playing import Played, chosen, played, put
 
 from scpjax.diagnose import select, ways
 from scpjax.diagnose.evidence import Comparison, Evidence
 from scpjax.diagnose.own import ROOM
-
-sys.path.insert(0, str(Path(__file__).parent))
-from playing import Played, chosen, played, put
 
 
 def test_what_had_evidence_for_the_first_name_contends_later(monkeypatch):
