@@ -8,6 +8,7 @@ import numpy as np
 
 from scpjax.diagnose.evidence import Comparison, Evidence, compare, is_better
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.promising import fit_promising
 from scpjax.diagnose.screen import fresh, screen
 from scpjax.diagnose.trials import FAR, State, afresh, at_noise, misfit
@@ -28,9 +29,10 @@ def try_all(
     max_steps: int,
     tell: Callable[[str], None],
     contenders: Sequence[str] = (),
+    patience: Patience | None = None,
 ) -> list[Comparison]:
     """Every mechanism not yet in: all its laws and starts screened, what promises something fitted (``contenders`` for
-    an earlier name whatever they promise); best law of each.
+    an earlier name whatever they promise; fewer out of ``patience``); best law of each.
 
     The best law is the one with evidence for it: a wider one fits the training part better and may predict worse.
     """
@@ -38,7 +40,8 @@ def try_all(
     promises = screen(state, split, catalogue, candidates)
     bent = np.any(misfit(state, split) > _STRAIGHT)
     begun = fresh(state, split, catalogue, candidates) if bent else None
-    fitted = contested(state, fit_promising(state, split, promises, begun, max_steps, tell, contenders), split)
+    fitted = fit_promising(state, split, promises, begun, max_steps, tell, contenders, patience)
+    fitted = contested(state, fitted, split)
     out = []
     for promise in promises:
         m = promise.mechanism

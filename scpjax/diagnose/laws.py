@@ -7,39 +7,49 @@ from collections.abc import Sequence
 import numpy as np
 
 from scpjax.abreast import abreast
-from scpjax.diagnose.evidence import Evidence, is_better
+from scpjax.diagnose.evidence import Evidence, excess, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.patience import Patience
-from scpjax.diagnose.trials import State, afresh, at_noise, at_rest, start_value, trial_at
+from scpjax.diagnose.trials import State, afresh, at_noise, at_rest, misfit, start_value, trial_at
 from scpjax.fit.setup import laws_that_can_act
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism
 
+_MUCH = 0.1  # of the base model's misfit, down to which a name's law is no matter yet: another name is missing
+_WITHIN = 3.0**2  # mean square, in units of the noise's, down to which it is one whatever the base model leaves
 _NEAR = 2.0  # sum of squares, in units of what another law leaves, from which a law is not worth a fit of its own
 
 
-def other_laws(state: State, name: str, split: Split, rules: Evidence, patience: Patience) -> State:
+def other_laws(state: State, name: str, split: Split, rules: Evidence, base: State, patience: Patience) -> State:
     """A mechanism just named, under its wider laws from where it stands: they start best from a narrower fit. And under
     narrower ones, which may have lost against it only by where their fits began. What does not reach the noise by them
-    is fitted under every other law that comes near, unless out of ``patience``.
+    is fitted under every other law that comes near, unless out of ``patience``; nor, as nothing is fitted afresh, where
+    so much of the misfit of the ``base`` stays that another name is missing: beside that all are asked for their laws.
     """
     setup = state.setup
     m = setup.structure.mechanism(name)
     free_now = set(m.free_parameters(m.laws.index(state.laws[name])))
+    several, able = _is_one_of_several(state, base, split), laws_that_can_act(setup, m)
+    narrower = [law for law in able if set(m.free_parameters(law)) < free_now]
+    wider = [law for law in able if set(m.free_parameters(law)) > free_now]
+
+    def again(law: int) -> State:
+        after = _under(state, m, law, split, [p for p in m.free_parameters(law) if p not in free_now])
+        return after if several or law in wider else afresh(after, split)
+
     best = state
-    for law in laws_that_can_act(setup, m):
-        free = set(m.free_parameters(law))
-        if free < free_now:
-            after = afresh(_under(state, m, law, split), split)
-            if not is_better(best, after, split, rules):
-                best = after
-    for law in laws_that_can_act(setup, m):
-        added = [p for p in m.free_parameters(law) if p not in free_now]
-        if added and free_now < set(m.free_parameters(law)):
-            after = _under(state, m, law, split, added)
-            if is_better(after, best, split, rules):
-                best = after
-    return best if at_noise(best, split) or patience.over() else _every_law(best, name, split, rules)
+    for law, after in zip([*narrower, *wider], abreast(again, [*narrower, *wider]), strict=True):
+        if is_better(after, best, split, rules) if law in wider else not is_better(best, after, split, rules):
+            best = after
+    if at_noise(best, split) or _is_one_of_several(best, base, split) or patience.over():
+        return best
+    return _every_law(best, name, split, rules)
+
+
+def _is_one_of_several(state: State, base: State, split: Split) -> bool:
+    """Whether a hypothesis leaves more of a column's misfit than the law of what it names would make."""
+    left, whole = excess(state, split), excess(base, split)
+    return bool(np.any((left > _MUCH * whole) & (misfit(state, split) > _WITHIN)))
 
 
 def _every_law(state: State, name: str, split: Split, rules: Evidence) -> State:

@@ -10,6 +10,7 @@ import numpy as np
 
 from scpjax.abreast import abreast, meanwhile
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.screen import Fresh, Promise
 from scpjax.diagnose.trials import (
     FAR,
@@ -70,6 +71,7 @@ def fit_promising(
     max_steps: int,
     tell: Callable[[str], None],
     contenders: Sequence[str] = (),
+    patience: Patience | None = None,
 ) -> dict[str, dict[int, State]]:
     """By mechanism and law, the hypotheses with one mechanism more that were worth fitting; `fresh` ones among them.
 
@@ -77,8 +79,9 @@ def fit_promising(
     Where nothing that promised something comes near the noise, what is likeliest beside the base as the data suggested
     it at first is fitted there too, as the first name. Beside names, which may have been bent to imitate it, the right
     one may promise nothing at all: away from the noise, those that contended with the first name (``contenders``) are
-    fitted too, all beginning anew.
+    fitted too, all beginning anew. Out of ``patience`` only the few that promise most are fitted.
     """
+    patience = patience or Patience()
     fits = _Fits(state, split, begun, max_steps, tell)
     make_room()
     most = _LATER if state.names else _AT_MOST
@@ -94,11 +97,11 @@ def fit_promising(
         if promise.mechanism.name in fits.found or (fits.explained and promise.gain < _FAR_BEHIND * promises[0].gain):
             return False
         enough = fits.lead > _GOOD * excess and (fits.explained or behind)
-        return i < most or not enough or _is(promise, begun)
+        return (i < most or not enough or _is(promise, begun)) and (i < least or not patience.over())
 
     fits.add_all(worth, is_asked)
     others = [p for p in promises if p.mechanism.name in contenders] if state.names else _likeliest(promises, begun)
-    if not (at_noise(state, split, FAR) if state.names else fits.reach(_LOST)):
+    if not ((at_noise(state, split, FAR) if state.names else fits.reach(_LOST)) or patience.over()):
         fits.add_all(others, lambda i: not (fits.explained or others[i].mechanism.name in fits.found), bent=False)
     return fits.found
 

@@ -92,6 +92,7 @@ def try_round(search: Search, way: Branch, round_: int, tell: Callable[[str, int
         max_steps=search.max_steps,
         tell=lambda text: tell(text, round_),
         contenders=[r.name for r in sorted(first, key=lambda r: -r.delta_bic)[:_CONTENDERS]],
+        patience=search.patience,
     )
     p = probabilities(tried)
     ranked = (Ranked(c.added, c.delta_bic, c.held_out_gain, p[c.added], c.law, round_) for c in tried)
@@ -103,13 +104,13 @@ def try_round(search: Search, way: Branch, round_: int, tell: Callable[[str, int
 def one_more(search: Search, found: Tried, ways: int = WAYS) -> list[Branch]:
     """A branch with one mechanism more: the best one, and where that does not reach the noise one that predicts the
     held-out stretches better still, or is close. One that is pruned as soon as it is fitted afresh is none, but the
-    others stay where it led them, if that is closer.
+    others stay where it led them, if that is closer. Out of patience only the best one is followed.
     """
     out: list[Branch] = []
     closest = found.way.state
     first: Comparison | None = None
     left = [] if found.ends else found.accepted[:_ATTEMPTS]
-    while left and len(out) < ways and not (out and at_noise(out[0].state, search.split)):
+    while left and len(out) < ways and not (out and (at_noise(out[0].state, search.split) or search.patience.over())):
         c = left[0] if first is None else _second(left, first, search.split)
         if c is None:
             break
@@ -146,7 +147,7 @@ def named(search: Search, found: Tried, c: Comparison) -> Branch:
     split, rules, way = search.split, search.rules, found.way
     like = equals(c, found.accepted, way.state, split)
     state = afresh(c.state, split)
-    state = other_laws(state, c.added, split, rules, search.patience)
+    state = other_laws(state, c.added, split, rules, search.base, search.patience)
     state = prune(state, split, rules, search.base)
     tried, own = way.tried | {c.added: found.tried}, {n: p for n, p in way.own.items() if n != c.added}
     return Branch(state, found.ranking, tried, own, way.equivalents | {c.added: like})

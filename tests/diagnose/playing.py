@@ -35,7 +35,7 @@ def played(monkeypatch, misfits: dict[str, float], held_out: dict[str, float] | 
     """
     asked: list[tuple[str, ...]] = []
 
-    def with_one_more(state, split, rules, catalogue, *, max_steps, tell, contenders):
+    def with_one_more(state, split, rules, catalogue, *, max_steps, tell, contenders, patience):
         asked.append(state.names)
         assert not {*contenders} & {*state.names}
         assert state.names or not contenders

@@ -2,8 +2,12 @@
 
 from types import SimpleNamespace
 
+import numpy as np
+import pytest
+
 from scpjax.diagnose import laws
 from scpjax.diagnose.evidence import Evidence
+from scpjax.diagnose.patience import Patience
 
 
 def test_away_from_the_noise_every_law_that_comes_near_is_fitted_afresh(monkeypatch):
@@ -34,3 +38,26 @@ def test_away_from_the_noise_every_law_that_comes_near_is_fitted_afresh(monkeypa
     assert set(asked) == {120.0, 130.0}
     better[130.0] = 101.0
     assert laws._every_law(fit(1, 100.0), "m", None, Evidence()).law == 1  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("left", "several"),
+    [((1.0, 200.0), True), ((150.0, 1.0), True), ((1.0, 50.0), False), ((8.0, 8.0), False), ((1.0, 1.0), False)],
+)
+def test_where_another_name_is_missing_laws_are_not_asked_for_at_length(monkeypatch, left, several):
+    """It is where one leaves a tenth of some column's misfit and more, and that is thrice the noise."""
+    m = SimpleNamespace(laws=("narrow", "now", "wide"), free_parameters=lambda law: ("J", "tau", "n")[: 1 + law])
+    setup = SimpleNamespace(structure=SimpleNamespace(mechanism=lambda _: m))
+    fit = lambda law, misfit: SimpleNamespace(setup=setup, laws={"m": m.laws[law]}, misfit=np.array(misfit))  # noqa: E731
+    asked: list[str] = []
+    monkeypatch.setattr(laws, "laws_that_can_act", lambda *_: range(3))
+    monkeypatch.setattr(laws, "misfit", lambda state, _split: state.misfit)
+    monkeypatch.setattr(laws, "excess", lambda state, _split: state.misfit - 1.0)
+    monkeypatch.setattr(laws, "_under", lambda state, _m, law, *_: asked.append(m.laws[law]) or fit(law, left))
+    monkeypatch.setattr(laws, "afresh", lambda state, *_: asked.append("afresh") or state)
+    monkeypatch.setattr(laws, "_every_law", lambda state, *_: asked.append("every") or state)
+    monkeypatch.setattr(laws, "at_noise", lambda state, _split: bool(np.all(state.misfit <= 1.0)))
+    monkeypatch.setattr(laws, "is_better", lambda *_: False)
+    laws.other_laws(fit(1, left), "m", None, Evidence(), fit(1, (1001.0, 1001.0)), Patience())  # type: ignore[arg-type]
+    every = [] if max(left) == 1.0 else ["every"]
+    assert sorted(asked) == sorted(["narrow", "wide"] if several else ["narrow", "afresh", "wide", *every])

@@ -7,6 +7,7 @@ import pytest
 
 from scpjax.diagnose import candidates, promising
 from scpjax.diagnose.evidence import Comparison, Evidence
+from scpjax.diagnose.patience import Patience
 
 
 @pytest.mark.parametrize(("second", "asked"), [(105.0, {100.0, 105.0}), (115.0, set())])
@@ -69,7 +70,7 @@ def test_a_wider_law_of_a_name_has_to_be_better_no_more(monkeypatch, better, law
     assert candidates._best_law(m, found[2:], None, Evidence()).law == "other"  # type: ignore[arg-type]
 
 
-def fitted(monkeypatch, taken, abreast, *, near, names=(), contenders=(), explains="", begun=None):
+def fitted(monkeypatch, taken, abreast, *, near, names=(), contenders=(), explains="", begun=None, patience=None):
     """Which of 14 mechanisms are fitted, each taking a share away; ``abreast`` of those behind the first promise nearly
     what it does, the rest half of it. ``near``: whether the hypothesis is near the noise; ``explains``: what reaches
     it; ``begun``: what promises most beside the base first suggested."""
@@ -93,7 +94,7 @@ def fitted(monkeypatch, taken, abreast, *, near, names=(), contenders=(), explai
     monkeypatch.setattr(promising, "_as_close_as_others", lambda *_: None)
     monkeypatch.setattr(promising, "go_on", lambda problem, split, solved, cost, *_: (solved, cost))
     monkeypatch.setattr(promising, "_by_law", lambda *_: {0: None})
-    found = promising.fit_promising(state, split, promises, begun, 40, lambda text: None, contenders)  # type: ignore[arg-type]
+    found = promising.fit_promising(state, split, promises, begun, 40, lambda _: None, contenders, patience)  # type: ignore[arg-type]
     assert all(found[name] for name in tried)
     return tried
 
@@ -118,6 +119,15 @@ def test_where_no_first_name_comes_near_the_noise_what_is_likeliest_at_first_is_
     assert fitted(monkeypatch, 0.9, 0, near=False, begun=likeliest) == [*first(5), "m12", "m9"]
     assert fitted(monkeypatch, 0.9, 0, near=False, begun=likeliest, explains="m12") == [*first(5), "m12"]
     assert fitted(monkeypatch, 0.9, 0, near=True, begun=likeliest) == first(5)
+
+
+def test_out_of_patience_only_what_promises_most_is_fitted(monkeypatch):
+    """Fewer than the round would ask for, and the user is told."""
+    for names, count in (((), 2), (("a",), 3)):
+        impatient = Patience(0.0)
+        beside = {"near": False, "names": names, "contenders": ("m13",), "patience": impatient}
+        assert fitted(monkeypatch, 0.3, 0, **beside) == first(count)
+        assert "--minutes" in impatient.notes()[0]
 
 
 def test_the_programs_of_what_is_asked_for_next_are_compiled_beside_a_fit(monkeypatch):

@@ -22,10 +22,10 @@ def test_the_program_for_a_next_round_is_made_ready_where_there_will_be_one(monk
 
 def test_out_of_patience_no_third_round_or_other_way_is_begun(monkeypatch):
     """What two rounds found is told; at the noise nothing was left, and nothing is said."""
-    asked = played(monkeypatch, {"a": 500.0, "b": 560.0, "ab": 300.0, "bc": 200.0, "abc": 1.0})
+    asked = played(monkeypatch, {"a": 500.0, "b": 510.0, "ab": 300.0, "bc": 200.0, "abc": 1.0})
     patience = Patience(0.0)
     found = select.choose(Played((), 1000.0), None, Evidence(), None, patience=patience)  # type: ignore[arg-type]
-    assert (found.state.names, asked) == (("a", "b"), [(), ("a",)])
+    assert (found.state.names, asked) == (("a", "b"), [(), ("a",)])  # nor is b followed, which is close to a
     assert "--minutes" in patience.notes()[0]
     played(monkeypatch, {"a": 1.0})
     patience = Patience(0.0)
@@ -91,7 +91,7 @@ def test_told_first_is_what_alone_explained_most(monkeypatch):
     """``a`` with ``c`` cannot be reached by way of ``a``, which is ahead, but by way of ``c``."""
     played(monkeypatch, {})
 
-    def with_one_more(state, split, rules, catalogue, *, max_steps, tell, contenders):
+    def with_one_more(state, split, rules, catalogue, *, max_steps, tell, contenders, patience):
         after = {(): {"a": 500.0, "c": 900.0}, ("c",): {"a": 1.0}}.get(state.names, {})
         found = [(n, Played((*state.names, n), left)) for n, left in after.items()]
         return [Comparison(s, n, "", state.cost - s.cost, 0.5, 50.0, 0.5, True) for n, s in found]
@@ -108,7 +108,7 @@ def test_another_way_that_only_adds_a_name_has_to_be_worth_it(monkeypatch, worth
     """``c`` beside ``a``, found by way of ``c``, takes a little more away than ``a`` alone."""
     played(monkeypatch, {})
 
-    def with_one_more(state, split, rules, catalogue, *, max_steps, tell, contenders):
+    def with_one_more(state, split, rules, catalogue, *, max_steps, tell, contenders, patience):
         after = {(): {"a": 10.0, "c": 900.0}, ("c",): {"a": 8.0}}.get(state.names, {})
         found = [(n, Played((*state.names, n), left)) for n, left in after.items()]
         return [Comparison(s, n, "", state.cost - s.cost, 0.5, 50.0, 0.5, True) for n, s in found]
