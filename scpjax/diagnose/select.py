@@ -101,10 +101,13 @@ def _choice(leader: Branch) -> Choice:
 
 
 def _best(branches: Sequence[Branch], split: Split, rules: Evidence) -> Branch:
+    """The best of some ways. What had less evidence when it was named, and led further, has that for it."""
     leader = branches[0]
     for b in branches[1:]:
         if is_better(b.state, leader.state, split, rules):
-            leader = b
+            lead = float(expit(ahead(b.state, leader.state, split, rules) / 2))
+            further = {n: max(b.chance(n), lead) for n in b.state.names if n not in leader.state.names}
+            leader = replace(b, own=b.own | further)
     return leader
 
 

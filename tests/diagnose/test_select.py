@@ -87,6 +87,16 @@ def test_what_speaks_for_the_first_name_of_another_way_is_the_whole_way(monkeypa
     assert found.probability["b"] == pytest.approx(1 / (1 + np.exp(-(ac - bc) / 2)))
 
 
+def test_what_speaks_for_a_name_that_leads_further_than_another_is_its_lead(monkeypatch):
+    """``b`` had less evidence than ``a`` when both were tried, predicted better, and does so by another law."""
+    played(monkeypatch, {"a": 500.0, "b": 600.0}, {"a": 1.0, "b": 0.8})
+    for left, name, likely in ((499.0, "b", 1 / (1 + np.exp(-0.5))), (300.0, "b", 1.0), (501.0, "a", 1.0)):
+        put(monkeypatch, "other_laws", lambda s, n, *_, left=left: Played(s.names, left) if n == "b" else s)
+        found = select.choose(Played((), 1000.0), None, Evidence(), None)  # type: ignore[arg-type]
+        assert found.state.names == (name,)
+        assert found.probability[name] == pytest.approx(likely)
+
+
 def test_told_first_is_what_alone_explained_most(monkeypatch):
     """``a`` with ``c`` cannot be reached by way of ``a``, which is ahead, but by way of ``c``."""
     played(monkeypatch, {})
