@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import expit
 
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.trials import SAME, State, misfit, moving
@@ -96,6 +97,11 @@ _LEAST = 1.05  # of the lower bound of a strength, up to which it is at it
 def ahead(a: State, b: State, split: Split, rules: Evidence) -> float:
     """By how much BIC, reckoned as for mechanisms, speaks for hypothesis ``a`` against ``b``."""
     return _between(b, a, split, rules).delta_bic
+
+
+def chance_against(a: State, b: State, split: Split, rules: Evidence) -> float:
+    """How likely hypothesis ``a`` is where ``b`` is the only other one, by BIC: 1/(1 + exp(-BIC/2))."""
+    return float(expit(ahead(a, b, split, rules) / 2))
 
 
 def is_better(a: State, b: State, split: Split, rules: Evidence) -> bool:

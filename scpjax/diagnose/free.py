@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import expit
 
 from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.curve import Curve, curves, finer, forms_named
-from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, ahead, are_equal, is_better
+from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, ahead, are_equal, chance_against, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.outside import AT_NOISE, level
 from scpjax.diagnose.trials import State
@@ -49,7 +48,7 @@ def free_law(base: State, rival: State, split: Split, rules: Evidence) -> Free |
         return None
     alike = [c for c in able if c is not best and are_equal(c.state, best.state, base, split, rules)]
     names = dict.fromkeys(n for c in (best, *alike) for n in c.form.names)
-    return Free(best, tuple(names)[: EQUIVALENTS + 1], float(expit(ahead(best.state, rival, split, rules) / 2)))
+    return Free(best, tuple(names)[: EQUIVALENTS + 1], chance_against(best.state, rival, split, rules))
 
 
 def one_for_several(base: State, choice: Choice, split: Split, rules: Evidence) -> Free | None:

@@ -150,8 +150,10 @@ def _told_of(choice: Choice, before: Choice, ends: tuple[str, ...], base: State,
 def outdone(before: Choice, best: State, base: State, parts: Split) -> Choice:
     """Nothing named, as what was learned in the place of the names, which led to ``best``, does better."""
     names = before.state.names or ((before.free,) if before.free else ())
+    if not names:  # what was given up before stays told of
+        return before
     left = _unexplained(best, parts.is_held) / max(_unexplained(base, parts.is_held), 1e-300)
-    return Choice(base, before.ranking, {}, {}, given_up=(names, left), outdone=bool(names))
+    return Choice(base, before.ranking, {}, {}, given_up=(names, left), outdone=True)
 
 
 def _beyond(

@@ -6,11 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
-from scipy.special import expit
-
 from scpjax.abreast import meanwhile
 from scpjax.diagnose.choice import Choice, Progress
-from scpjax.diagnose.evidence import Evidence, ahead, is_better, worthwhile
+from scpjax.diagnose.evidence import Evidence, chance_against, is_better, worthwhile
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.own import ROOM
 from scpjax.diagnose.patience import Patience
@@ -105,7 +103,7 @@ def _best(branches: Sequence[Branch], split: Split, rules: Evidence) -> Branch:
     leader = branches[0]
     for b in branches[1:]:
         if is_better(b.state, leader.state, split, rules):
-            lead = float(expit(ahead(b.state, leader.state, split, rules) / 2))
+            lead = chance_against(b.state, leader.state, split, rules)
             further = {n: max(b.chance(n), lead) for n in b.state.names if n not in leader.state.names}
             leader = replace(b, own=b.own | further)
     return leader
@@ -145,7 +143,7 @@ def _by_another_way(
         if way.state.setup.structure.own and not at_noise(way.state, split, FAR):
             continue
         if is_better(way.state, best, split, rules) and _earned(search, best, way.state):
-            own = float(expit(ahead(way.state, best, split, rules) / 2))
+            own = chance_against(way.state, best, split, rules)
             leader, best = replace(way, own={name: own}), way.state
         if at_noise(best, split):
             break

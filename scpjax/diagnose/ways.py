@@ -81,6 +81,7 @@ class Tried:
 
 
 def try_round(search: Search, way: Branch, round_: int, tell: Callable[[str, int], None]) -> Tried:
+    """Every mechanism tried beside what a way has named, in its round ``round_``."""
     split, rules = search.split, search.rules
     able = [r for r in way.ranking if r.round == 1 and r.delta_bic > rules.bic and r.held_out_gain > 0.0]
     first = [r for r in able if r.name not in way.state.names]

@@ -1,6 +1,7 @@
 """A selection whose fits are played: hypotheses are names, and the misfit that is told of them."""
 
 from dataclasses import dataclass
+from math import exp
 from types import SimpleNamespace
 
 from scpjax.diagnose import select, ways
@@ -62,10 +63,11 @@ def played(monkeypatch, misfits: dict[str, float], held_out: dict[str, float] | 
     put(monkeypatch, "worthwhile", lambda *_: True)
     put(monkeypatch, "at_noise", lambda state, split, level=1.0: state.cost <= 1)
     put(monkeypatch, "is_better", lambda a, b, split, rules: a.cost < b.cost)
-    put(monkeypatch, "ahead", lambda a, b, split, rules: b.cost - a.cost)
+    put(monkeypatch, "chance_against", lambda a, b, split, rules: 1 / (1 + exp((a.cost - b.cost) / 2)))
     put(monkeypatch, "in_order", lambda s, first, split: Played((first, *sorted({*s.names} - {first})), s.cost))
     return asked
 
 
 def chosen(misfit: float = 1000.0) -> set[str]:
+    """Names that the selection played ends with."""
     return set(select.choose(Played((), misfit), None, Evidence(), None).state.names)  # type: ignore[arg-type]

@@ -263,4 +263,5 @@ def test_a_curve_that_is_outdone_is_told_of():
     base, parts = out_of_round()
     after = outdone(Choice(base, (), {"slack": 0.9}, {}, free="slack"), base, base, parts)
     assert (after.given_up, after.outdone, after.free) == ((("slack",), pytest.approx(1.0)), True, "")
-    assert outdone(Choice(base, (), {}, {}), base, base, parts).given_up[0] == ()
+    nothing = Choice(base, (), {}, {}, given_up=(("creep",), 0.4))  # which stays told of
+    assert outdone(nothing, base, base, parts) is nothing

@@ -97,17 +97,21 @@ def test_what_speaks_for_a_name_that_leads_further_than_another_is_its_lead(monk
         assert found.probability[name] == pytest.approx(likely)
 
 
-def test_told_first_is_what_alone_explained_most(monkeypatch):
-    """``a`` with ``c`` cannot be reached by way of ``a``, which is ahead, but by way of ``c``."""
+def by_way_of_c(monkeypatch, alone: dict[str, float], both: float) -> None:
+    """Plays a selection in which ``a`` and ``c`` leave these misfits alone, and ``a`` is found only beside ``c``."""
     played(monkeypatch, {})
 
-    def with_one_more(state, split, rules, catalogue, *, max_steps, tell, contenders, patience):
-        after = {(): {"a": 500.0, "c": 900.0}, ("c",): {"a": 1.0}}.get(state.names, {})
+    def with_one_more(state, split, rules, catalogue, **more):
+        after = {(): alone, ("c",): {"a": both}}.get(state.names, {})
         found = [(n, Played((*state.names, n), left)) for n, left in after.items()]
         return [Comparison(s, n, "", state.cost - s.cost, 0.5, 50.0, 0.5, True) for n, s in found]
 
     put(monkeypatch, "try_all", with_one_more)
-    put(monkeypatch, "ready_beside_names", lambda catalogue: None)
+
+
+def test_told_first_is_what_alone_explained_most(monkeypatch):
+    """``a`` with ``c`` cannot be reached by way of ``a``, which is ahead, but by way of ``c``."""
+    by_way_of_c(monkeypatch, {"a": 500.0, "c": 900.0}, 1.0)
     found = select.choose(Played((), 1000.0), None, Evidence(), None)  # type: ignore[arg-type]
     assert found.state.names == ("a", "c")
     assert found.probability["c"] > 0.99
@@ -116,15 +120,7 @@ def test_told_first_is_what_alone_explained_most(monkeypatch):
 @pytest.mark.parametrize(("worth", "names"), [(True, {"a", "c"}), (False, {"a"})])
 def test_another_way_that_only_adds_a_name_has_to_be_worth_it(monkeypatch, worth, names):
     """``c`` beside ``a``, found by way of ``c``, takes a little more away than ``a`` alone."""
-    played(monkeypatch, {})
-
-    def with_one_more(state, split, rules, catalogue, *, max_steps, tell, contenders, patience):
-        after = {(): {"a": 10.0, "c": 900.0}, ("c",): {"a": 8.0}}.get(state.names, {})
-        found = [(n, Played((*state.names, n), left)) for n, left in after.items()]
-        return [Comparison(s, n, "", state.cost - s.cost, 0.5, 50.0, 0.5, True) for n, s in found]
-
-    put(monkeypatch, "try_all", with_one_more)
-    put(monkeypatch, "ready_beside_names", lambda catalogue: None)
+    by_way_of_c(monkeypatch, {"a": 10.0, "c": 900.0}, 8.0)
     put(monkeypatch, "worthwhile", lambda before, after, *_: worth or before.names != ("a",))
     assert chosen() == names
 
