@@ -17,10 +17,10 @@ from scpjax.errors import ScpjaxError
 Progress = Callable[[str, float], None]
 
 LOOPS = (
-    "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000 "
+    "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=100000000 "
     "--xla_disable_hlo_passes=cpu-parallel-task-assigner"
 )
-"""Scans over arrays of up to 1 MB in all run as one function, not operation by operation (``python
+"""Scans over arrays of up to 100 MB in all run as one function, not operation by operation (``python
 benchmarks/scans.py``), and none of their operations is shared out among threads: such functions would wait for each
 other's threads, for ever. XLA reads it once, when a process computes first."""
 

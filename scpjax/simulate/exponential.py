@@ -20,6 +20,7 @@ Rates = Callable[[list[Array], Float[Array, " sides"]], list[Array]]
 
 _TERMS = 14  # of the Taylor series; exact to rounding for a scaled norm of 1/2
 _SQUARINGS = 20
+_FEW = 50  # entries that may differ from zero, up to which a matrix is taken apart
 
 
 def phi_functions(a: Float[Array, "n n"]) -> tuple[Array, Array, Array, Array]:
@@ -69,23 +70,47 @@ Pattern = tuple[tuple[bool, ...], ...]
 
 
 class _Matrix(eqx.Module):
-    """A matrix taken apart into the scalars that can be other than zero.
+    """A matrix to be multiplied by vectors of which the components are kept apart.
 
-    States are kept apart too: batched over trials and sensitivities, every operation of a step is then one long
-    vector loop, several times as fast as small matrix products.
+    Batched over trials and sensitivities, every operation of a step is then one long vector loop, several times as fast
+    as small matrix products. A matrix of few entries is taken apart into scalars; a loop over the columns of others
+    takes a fraction of the time to compile (``python benchmarks/matrices.py``).
     """
 
-    entries: list[Array]
+    entries: list[Array]  # of few: one for each place
+    columns: Array | None  # of many: (..., columns, rows)
     where: tuple[tuple[tuple[int, int], ...], ...] = eqx.field(static=True)  # by row: (column, place in entries)
 
     def __init__(self, matrix: Float[Array, "... n n"], pattern: Pattern):
-        """``matrix`` may have leading axes, which a scan takes away."""
+        """``pattern`` says which entries can differ from zero; ``matrix`` may have leading axes, which a scan takes
+        away.
+        """
         there = [(i, j) for i, row in enumerate(pattern) for j, used in enumerate(row) if used]
-        self.entries = [matrix[..., i, j] for i, j in there]
+        self.columns = None if is_small(pattern) else jnp.swapaxes(matrix, -1, -2)
+        self.entries = [matrix[..., i, j] for i, j in there] if self.columns is None else []
         self.where = tuple(tuple((j, k) for k, (row, j) in enumerate(there) if row == i) for i in range(len(pattern)))
 
     def __call__(self, vector: list[Array]) -> list[Array]:
-        return [_total([self.entries[k] * vector[j] for j, k in row]) for row in self.where]
+        return _products((self, vector))
+
+
+def is_small(pattern: Pattern) -> bool:
+    """Whether matrices of a pattern are taken apart into scalars."""
+    return sum(map(sum, pattern)) <= _FEW
+
+
+def _products(*pairs: tuple[_Matrix, list[Array]]) -> list[Array]:
+    """Sum of the products of matrices, all of one pattern, and vectors."""
+    where, columns = pairs[0][0].where, [m.columns for m, _ in pairs if m.columns is not None]
+    if not columns:
+        return [_total([m.entries[k] * v[j] for m, v in pairs for j, k in row]) for row in where]
+
+    def add(total: Array, xs: Any) -> tuple[Array, None]:
+        return total + sum(column * x for column, x in zip(*xs, strict=True)), None
+
+    vectors = [jnp.stack(v) for _, v in pairs]
+    total, _ = jax.lax.scan(add, jnp.zeros(len(where), columns[0].dtype), (columns, vectors), unroll=2)
+    return [total[i] for i in range(len(where))]
 
 
 def _total(terms: list[Array]) -> Array:
@@ -111,7 +136,8 @@ def _combine(*terms: tuple[float, list[Array]]) -> list[Array]:
 Step = Callable[[list[Array], Array], list[Array]]
 Carry = Callable[[list[Array], list[Array], Float[Array, " sides"], Array], list[Array]]
 
-# The stages of a step are a loop, not one expression: XLA would work out a stage anew for every state of the next.
+# XLA would work out a stage anew for every state of the next, where both are one expression: between them there is a
+# loop, over the columns of a matrix or, where those are taken apart, over the stages.
 
 
 def etd2(rates: Rates, a: Float[Array, "n n"], step: Array, *, pattern: Pattern, carried: Carry | None = None) -> Step:
@@ -124,20 +150,26 @@ def etd2(rates: Rates, a: Float[Array, "n n"], step: Array, *, pattern: Pattern,
     p0, p1, p2, _ = phi_functions(a * step)
     # with n = f - A z: exp(A h) z + h phi_1 n = z + h phi_1 f, and the difference of n at both ends needs no product
     # with A either, for A h phi_1 = exp(A h) - 1
-    first, second, back = (_Matrix(m, pattern) for m in (p1 * step, p2 * step, p2 @ p0 * step))
+    first, second, back = (_Matrix(m, pattern) for m in (p1 * step, p2 * step, -p2 @ p0 * step))
 
     def advance(z: list[Array], u: Array) -> list[Array]:
-        def stage(carry: Any, share: Array) -> tuple[Any, None]:
-            y, f, _ = carry
+        def stage(y: list[Array], f: list[Array], share: Array | float) -> tuple[list[Array], list[Array]]:
             y = [place + share * change for place, change in zip(y, first(f), strict=True)]
             if carried is not None:
                 y = _scalars(carried(z, y, u, share * step), a.dtype)
-            return (y, _scalars(rates(y, u), a.dtype), f), None
+            return y, _scalars(rates(y, u), a.dtype)
 
-        nothing = [jnp.zeros((), a.dtype)] * len(z)
-        # at z itself, then where the rates there lead
-        (predicted, f1, f0), _ = jax.lax.scan(stage, (z, nothing, nothing), jnp.arange(2.0, dtype=a.dtype))
-        after = _combine((1.0, predicted), (1.0, second(f1)), (-1.0, back(f0)))
+        def again(carry: Any, share: Array) -> tuple[Any, None]:
+            y, f, _ = carry
+            return (*stage(y, f, share), f), None
+
+        if is_small(pattern):  # at z itself, then where the rates there lead
+            nothing = [jnp.zeros((), a.dtype)] * len(z)
+            (predicted, f1, f0), _ = jax.lax.scan(again, (z, nothing, nothing), jnp.arange(2.0, dtype=a.dtype))
+        else:
+            f0 = _scalars(rates(z, u), a.dtype)
+            predicted, f1 = stage(z, f0, 1.0)
+        after = _add(predicted, _products((second, f1), (back, f0)))
         return after if carried is None else _scalars(carried(z, after, u, step), a.dtype)
 
     return advance

@@ -1,5 +1,7 @@
 """The ways of simulating against each other, against scipy and against equations written out here."""
 
+import equinox as eqx
+import jax
 import numpy as np
 import pytest
 import scipy.fft
@@ -27,7 +29,9 @@ from written_out import PULL, WARM, A, M, R, integrate
 from scpjax.errors import ModelError
 from scpjax.physics import presets
 from scpjax.physics.catalogue import left_out
-from scpjax.simulate.simulate import Adaptive, Exact, Exponential, simulate
+from scpjax.simulate import exponential
+from scpjax.simulate.drive import make_grid
+from scpjax.simulate.simulate import Adaptive, Exact, Exponential, node_states, simulate
 
 P = PARAMETERS
 TIGHT = Adaptive(rtol=3e-12, atol=3e-14)
@@ -172,3 +176,30 @@ def test_ringing_weight_with_nonlinear_heat_loss_at_long_steps():
     nonlinear = type(model)(structure).replace(model.values() | extra)
     found = simulate(nonlinear, recording, initial=np.array(z0)).states
     assert worst(found, wanted) < 1e-6
+
+
+# -- matrices of a step ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_a_matrix_by_columns_or_taken_apart_gives_the_same_states_and_gradients(monkeypatch, order):
+    structure = extended(PLANT.structure, "hysteresis")
+    model = with_active(structure, "hysteresis")
+    grid = make_grid(structure, multilevel(), ambient=model.ambient)
+
+    def end(theta: jax.Array) -> tuple[jax.Array, jax.Array]:
+        moved = eqx.tree_at(lambda m: m.theta, model, theta)
+        states = node_states(moved, grid, moved.initial(), order=order)[0]
+        return states[-1, 2], states
+
+    found = []
+    for few in (0, 10_000):
+        monkeypatch.setattr(exponential, "_FEW", few)
+        forward, states = jax.jit(jax.jacfwd(lambda theta: end(theta), has_aux=True))(model.theta)
+        found.append((np.asarray(states), np.asarray(forward)))
+    for by_columns, apart in zip(*found, strict=True):
+        scale = np.maximum(np.max(np.abs(apart), axis=0), 1e-300)
+        np.testing.assert_allclose(by_columns / scale, apart / scale, atol=1e-9)
+    monkeypatch.setattr(exponential, "_FEW", 0)
+    reverse = jax.jit(jax.grad(lambda theta: end(theta)[0]))(model.theta)
+    np.testing.assert_allclose(reverse, forward, rtol=1e-6, atol=1e-9 * np.max(np.abs(forward)))
