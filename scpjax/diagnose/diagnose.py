@@ -136,7 +136,7 @@ def _beyond(
     parts, base, choice, learned = found.parts, found.base, found.choice, found.curve
     if learned is None and level(choice.state, parts) > AT_NOISE:
         tell("learning what the catalogue does not hold", 0.75)
-        choice, learned = beyond_names(parts, base, choice, rules, able(lacking))
+        choice, learned = beyond_names(parts, base, choice, rules, able(lacking, base, parts))
     elif learned is None:
         choice, learned = form_rather_than_name(parts, base, choice, rules)
     best = learned.state if learned is not None else choice.state

@@ -24,7 +24,7 @@ _MUCH = 0.2  # of the misfit: what names may leave that is still no matter of a 
 _CLEARLY = 2.5  # ratio of residual to noise, above which names that leave much are false
 _NO_SCALE = 100.0  # ratio of the base model's residual to noise, above which the noise is no scale for a law's error
 _HALF = 0.5  # of the misfit: what names may leave there
-_BEHIND = 0.05  # of the misfit, by which a balance may answer for less than the best and be in question too
+_BEHIND = 0.05  # of the misfit in excess of the noise: by which a balance that is in question too may answer for less
 _COMPLETE = 0.1  # of the misfit: what a closure alone may leave to be an explanation in place of names
 _MOST = 0.25  # of the held-out misfit, up to which a closure may leave and say where it lies: half in root mean square
 _FAR_BETTER = 0.5  # ratio of what it leaves to what the names leave, below which they are false
@@ -45,10 +45,12 @@ def _unexplained(state: State, there: np.ndarray) -> float:
     return max(float(np.sum(state.residual[there] ** 2) - there.sum()), 0.0)
 
 
-def able(lacking: Sequence[Latent]) -> tuple[str, ...]:
-    """Balances and sensors that can answer for the misfit nearly as well as the best of them."""
-    best = max(m.explained for m in lacking)
-    return tuple(dict.fromkeys(balance_of(m.subsystem) for m in lacking if m.explained > best - _BEHIND))
+def able(lacking: Sequence[Latent], base: State, parts: Split) -> tuple[str, ...]:
+    """Balances and sensors that can answer for the misfit of the base model nearly as well as the best of them."""
+    there = parts.is_train | parts.is_held
+    excess = _unexplained(base, there) / max(float(np.sum(base.residual[there] ** 2)), 1e-300)
+    least = max(m.explained for m in lacking) - _BEHIND * excess
+    return tuple(dict.fromkeys(balance_of(m.subsystem) for m in lacking if m.explained >= least))
 
 
 def closure(state: State, parts: Split, rules: Evidence, where: Sequence[str] = ()) -> Beyond | None:

@@ -250,7 +250,7 @@ def test_a_law_of_another_form_is_named_and_corrected():
     assert 1.15 < level(named, parts) < 4
     binned, lacking = lacking_in(base, parts)
     chosen = Choice(named, (), {"nonlinear_heat_loss": 0.99}, {})
-    choice, learned = beyond_names(parts, base, chosen, Evidence(), able(lacking))
+    choice, learned = beyond_names(parts, base, chosen, Evidence(), able(lacking, base, parts))
     assert choice.state.names == ("nonlinear_heat_loss",)
     assert learned is not None
     assert learned.state.setup.structure.mechanisms[-1].name in ("learned_heat", "learned_heat_curve")

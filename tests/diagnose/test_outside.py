@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -13,11 +14,14 @@ from diagnose.heated import DRIVE, LOSS, TIME, base_of, lacking_in, nothing, rec
 from scpjax.diagnose.answer import TRUSTED, _subsystem
 from scpjax.diagnose.closure import learn, offers
 from scpjax.diagnose.evidence import Evidence
+from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.outside import (
     able,
     level,
     takes_most,
 )
+from scpjax.diagnose.result import Latent
+from scpjax.diagnose.trials import State
 from scpjax.physics.terms import Term
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -64,12 +68,22 @@ def test_a_plug_that_opens_is_found_in_the_drive_when_it_was_open():
     outside = driven & np.all([(t < a - 2.0) | (t > b + 2.0) for a, b in OPEN], axis=0)
     assert -1.5 < np.median(mean[inside]) < -0.75  # knots a second apart overshoot
     assert np.median(np.abs(mean[outside])) < 0.2
-    assert able(found) == ("thermoelectric",)
+    assert able(found, base, parts) == ("thermoelectric",)
 
 
 @cache
 def recorded_temperature() -> np.ndarray:
     return recorded(nothing).output("temperature") - AMBIENT
+
+
+@pytest.mark.parametrize(("times", "where"), [(10.0, ("thermomechanical", "sensor")), (1.2, ("thermomechanical",))])
+def test_a_balance_is_in_question_by_what_it_answers_for_of_what_is_no_noise(times, where):
+    """Where most of a misfit is noise, a few hundredths of it are a good part of what is missing."""
+    whole = np.ones((1, 800, 2), bool)
+    base = cast(State, SimpleNamespace(residual=np.full(whole.shape, times)))
+    parts = cast(Split, SimpleNamespace(is_train=whole, is_held=~whole))
+    lacking = [SimpleNamespace(subsystem=s, explained=e) for s, e in (("thermomechanical", 0.2), ("sensor", 0.16))]
+    assert able(cast("list[Latent]", lacking), base, parts) == where
 
 
 def test_nothing_is_missing_where_nothing_is():
@@ -83,7 +97,7 @@ def test_closure_is_learned_in_its_balance_and_is_the_loss_that_was_concealed():
     base, parts = rubbed()
     assert level(base, parts) > 2
     _, lacking = lacking_in(base, parts)
-    assert "thermoelectric" in able(lacking)
+    assert "thermoelectric" in able(lacking, base, parts)
     learned = learn(base, parts, Evidence(), ["thermoelectric"])
     assert learned is not None
     assert level(learned.state, parts) < 1.15
