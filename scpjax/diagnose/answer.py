@@ -281,7 +281,7 @@ def _verdict(
     units of the noise when that is fitted to all data."""
     state = choice.state
     ratio = level(state, parts)
-    names = " and ".join(m.title[0].lower() + m.title[1:] for m in named)
+    names = " and ".join(_in_a_sentence(m.title) for m in named)
     as_well = f" ({' or '.join(closure.equivalents)} would do as well here)" if closure and closure.equivalents else ""
     learned = f" Learned in its place: {closure.expression}{as_well}." if closure else ""
     if not named and ratio <= AT_NOISE:
@@ -292,10 +292,11 @@ def _verdict(
             return "explained", f"{said}. With it the misfit is down to the noise."
         return "unexplained", f"{said}; but the misfit is still {left:.1f} times the noise."
     if closure and choice.outdone:
+        others = " with ".join(f'"{_in_a_sentence(mechanism(n).title)}"' for n in choice.given_up[0])
         return (
             "unexplained",
             f"Something is missing (the misfit is {ratio:.1f} times the noise). What was learned for it explains it "
-            f"better than {' with '.join(choice.given_up[0])} would: {closure.expression}{as_well}.",
+            f"better than {others} would: {closure.expression}{as_well}.",
         )
     if not named:
         return (
@@ -316,3 +317,7 @@ def _verdict(
         f"Left out of the base model: {names}; but the misfit is still {ratio:.1f} times the noise, so something "
         f"else is missing too.{learned}",
     )
+
+
+def _in_a_sentence(title: str) -> str:
+    return title[0].lower() + title[1:]
