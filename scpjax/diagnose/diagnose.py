@@ -26,6 +26,7 @@ from scpjax.diagnose.outside import (
     level,
     nothing_explains,
     outdone,
+    swings_within_bins,
 )
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.profiles import Limits
@@ -139,6 +140,8 @@ def _beyond(
         choice, learned = beyond_names(parts, base, choice, rules, able(lacking, base, parts))
     elif learned is None:
         choice, learned = form_rather_than_name(parts, base, choice, rules)
+    if found.curve is None and learned is not None and swings_within_bins(learned.state, choice.state, parts):
+        learned = None
     best = learned.state if learned is not None else choice.state
     nothing = nothing_explains(base, choice, learned, parts)
     if not (nothing or choice.free or level(best, parts) > AT_NOISE):

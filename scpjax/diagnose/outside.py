@@ -16,6 +16,7 @@ from scpjax.diagnose.reaction import Reaction, reacting
 from scpjax.diagnose.result import Latent
 from scpjax.diagnose.trials import State, misfit, strained, without
 from scpjax.fit.identifiability import at_limit, estimates, held_back, uncertainty
+from scpjax.fit.solve import outputs_of
 
 AT_NOISE = 1.15  # ratio of residual to noise, in some column, up to which nothing more is asked for
 _LITTLE_LEFT = 0.05  # of the held-out misfit in excess of the noise: what names may leave unsought
@@ -74,6 +75,21 @@ def form(state: State, parts: Split, rules: Evidence, where: Sequence[str] = ())
         return curve
     found = [f for f in (learn(state, parts, rules, where), curve) if f is not None]
     return min(found, key=lambda f: _unexplained(f.state, parts.is_held), default=None)
+
+
+def swings_within_bins(state: State, before: State, parts: Split) -> bool:
+    """Whether a hypothesis misses the single samples by more than ``before`` does, which it was chosen beyond: the load
+    may ring in it with a period that the bins, to which it was fitted, average out.
+    """
+
+    def missed(s: State) -> float:
+        data = parts.whole
+        error = (np.asarray(outputs_of(s.trial, data, s.setup.space)) - np.asarray(data.outputs)) / np.asarray(
+            data.sigma
+        )
+        return float(np.sum(np.asarray(data.weights) * error**2))
+
+    return not missed(state) <= missed(before)
 
 
 def nothing_explains(base: State, choice: Choice, learned: Beyond | None, parts: Split) -> bool:

@@ -11,6 +11,7 @@ import pytest
 from diagnose.creeping import AMBIENT, BASE
 from diagnose.heated import DRIVE, LOSS, TIME, base_of, lacking_in, nothing, recorded, rubbed, rubbed_by_air
 
+from scpjax.diagnose import outside
 from scpjax.diagnose.answer import TRUSTED, _subsystem
 from scpjax.diagnose.closure import learn, offers
 from scpjax.diagnose.evidence import Evidence
@@ -18,6 +19,7 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.outside import (
     able,
     level,
+    swings_within_bins,
     takes_most,
 )
 from scpjax.diagnose.result import Latent
@@ -84,6 +86,21 @@ def test_a_balance_is_in_question_by_what_it_answers_for_of_what_is_no_noise(tim
     parts = cast(Split, SimpleNamespace(is_train=whole, is_held=~whole))
     lacking = [SimpleNamespace(subsystem=s, explained=e) for s, e in (("thermomechanical", 0.2), ("sensor", 0.16))]
     assert able(cast("list[Latent]", lacking), base, parts) == where
+
+
+@pytest.mark.parametrize(("rings", "found"), [(0.0, False), (3.0, True), (np.nan, True)])
+def test_what_rings_within_the_bins_is_no_closure(monkeypatch, rings, found):
+    """Every other sample too high and too low by as much: no bin of two tells of it."""
+    outputs, weights = np.zeros((1, 400, 1)), np.ones((1, 400, 1))
+    data = SimpleNamespace(outputs=outputs, weights=weights, sigma=np.array([0.1]))
+    predicted = {
+        "before": outputs + 0.2,
+        "learned": outputs + 0.1 + 0.1 * rings * np.resize([1.0, -1.0], outputs.shape),
+    }
+    monkeypatch.setattr(outside, "outputs_of", lambda trial, _data, _space: predicted[trial])
+    state = lambda trial: cast(State, SimpleNamespace(trial=trial, setup=SimpleNamespace(space=None)))  # noqa: E731
+    parts = cast(Split, SimpleNamespace(whole=data))
+    assert swings_within_bins(state("learned"), state("before"), parts) is found
 
 
 def test_nothing_is_missing_where_nothing_is():
