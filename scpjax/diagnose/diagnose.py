@@ -141,7 +141,7 @@ def _beyond(
     elif learned is None:
         choice, learned = form_rather_than_name(parts, base, choice, rules)
     if found.curve is None and learned is not None and swings_within_bins(learned.state, choice.state, parts):
-        learned = None
+        choice, learned = found.choice if choice.outdone else choice, None  # names that it alone was better than stay
     best = learned.state if learned is not None else choice.state
     nothing = nothing_explains(base, choice, learned, parts)
     if not (nothing or choice.free or level(best, parts) > AT_NOISE):

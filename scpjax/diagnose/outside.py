@@ -82,12 +82,11 @@ def swings_within_bins(state: State, before: State, parts: Split) -> bool:
     may ring in it with a period that the bins, to which it was fitted, average out.
     """
 
+    data = parts.whole
+
     def missed(s: State) -> float:
-        data = parts.whole
-        error = (np.asarray(outputs_of(s.trial, data, s.setup.space)) - np.asarray(data.outputs)) / np.asarray(
-            data.sigma
-        )
-        return float(np.sum(np.asarray(data.weights) * error**2))
+        error = np.asarray(outputs_of(s.trial, data, s.setup.space)) - np.asarray(data.outputs)
+        return float(np.sum(np.asarray(data.weights) * (error / np.asarray(data.sigma)) ** 2))
 
     return not missed(state) <= missed(before)
 

@@ -11,11 +11,14 @@ import pytest
 from diagnose.creeping import AMBIENT, BASE
 from diagnose.heated import DRIVE, LOSS, TIME, base_of, lacking_in, nothing, recorded, rubbed, rubbed_by_air
 
+from scpjax.diagnose import diagnose as room
 from scpjax.diagnose import outside
 from scpjax.diagnose.answer import TRUSTED, _subsystem
+from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.closure import learn, offers
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.naming import Found
 from scpjax.diagnose.outside import (
     able,
     level,
@@ -101,6 +104,20 @@ def test_what_rings_within_the_bins_is_no_closure(monkeypatch, rings, found):
     state = lambda trial: cast(State, SimpleNamespace(trial=trial, setup=SimpleNamespace(space=None)))  # noqa: E731
     parts = cast(Split, SimpleNamespace(whole=data))
     assert swings_within_bins(state("learned"), state("before"), parts) is found
+
+
+@pytest.mark.parametrize("rings", [False, True])
+def test_names_stay_that_only_a_closure_which_rings_was_better_than(monkeypatch, rings):
+    state = cast(State, SimpleNamespace(names=("creep",)))
+    named, instead = Choice(state, (), {"creep": 0.9}, {}), Choice(state, (), {}, {}, outdone=True)
+    closure = SimpleNamespace(state=state)
+    monkeypatch.setattr(room, "level", lambda *_: 1.0)
+    monkeypatch.setattr(room, "form_rather_than_name", lambda *_: (instead, closure))
+    monkeypatch.setattr(room, "swings_within_bins", lambda *_: rings)
+    monkeypatch.setattr(room, "nothing_explains", lambda *_: False)
+    found = Found(None, state, named)  # type: ignore[arg-type]
+    told = room._beyond(found, None, (), Evidence(), lambda *_: None)  # type: ignore[arg-type]
+    assert told[:2] == ((named, None) if rings else (instead, closure))
 
 
 def test_nothing_is_missing_where_nothing_is():
