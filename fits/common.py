@@ -12,13 +12,17 @@ from typing import NoReturn
 
 import numpy as np
 
+from scpjax.cli.commands import MINUTES
 from scpjax.cli.program import start
-from scpjax.diagnose.diagnose import diagnose
+from scpjax.diagnose.diagnose import DiagnoseOptions, diagnose
 from scpjax.diagnose.result import Diagnosis
 from scpjax.errors import ScpjaxError
 from scpjax.fit.predict import predict
 from scpjax.physics.model import Model
 from scpjax.recordings import Recording, read_recording
+
+AS_THE_COMMAND = DiagnoseOptions(patience=60 * MINUTES)
+"""No longer than ``scpjax diagnose`` takes, unless told otherwise."""
 
 _HEADER = ("fit", "test", "measure", "base", "extended", "named", "seconds")
 
@@ -105,7 +109,7 @@ def find(data: Path | str | None, name: str) -> Path:
 def train(files: Sequence[Path]) -> tuple[Diagnosis, list[Recording]]:
     """Diagnosis of recordings."""
     recordings = [read_recording(f) for f in files]
-    return diagnose(recordings), recordings
+    return diagnose(recordings, options=AS_THE_COMMAND), recordings
 
 
 def compare(found: Diagnosis, test: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import find_peaks
 
-from fits.common import Panel, Row, compare, main, names
+from fits.common import AS_THE_COMMAND, Panel, Row, compare, main, names
 from scpjax.diagnose.diagnose import diagnose
 from scpjax.errors import RecordingError
 from scpjax.fit.metrics import nrmse
@@ -35,7 +35,7 @@ def work(folder: Path, given: argparse.Namespace) -> tuple[list[Row], list[Panel
         if len(ends) < CYCLES:
             raise RecordingError(f"{len(ends) + 1} pressure cycles", where=str(path), mend=f"{CYCLES + 1} are needed")
         stop = float(ends[CYCLES - 1])
-        found = diagnose([whole.slice(None, stop)])
+        found = diagnose([whole.slice(None, stop)], options=AS_THE_COMMAND)
         measured, base, extended, column = compare(found, whole)
         rest = whole.time >= stop
         scores = [nrmse(model[rest], measured[rest]) for model in (base, extended)]

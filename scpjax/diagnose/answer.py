@@ -36,6 +36,11 @@ Laplace's rule of succession. The evidence compares the laws of the catalogue as
 it does not know.
 """
 
+_RANG = (
+    "what was learned beyond the model told here was left out: it fits the means of a few samples each by ringing "
+    "between them, and misses the single samples by more than that model does"
+)
+
 _SWINGS = {
     "drive": "a supply or a driver that wavers",
     "thermoelectric": "a fan, a thermostat or sunshine",
@@ -209,16 +214,17 @@ def _values_of(drawn: Drawn) -> dict[str, Estimate]:
 
 
 def _nearest(choice: Choice) -> tuple[str, ...]:
-    """A note on the names that were given up."""
+    """Notes on the names that were given up, and on what was learned and left out."""
     names, left = choice.given_up
+    rang = (_RANG,) if choice.rang else ()
     if not names:
-        return ()
+        return rang
     why = f"with it {100 * left:.0f} % of the misfit of the held-out stretches stays"
     if choice.outdone:
         why = "what was learned in their place explains the same, and better"
     elif choice.overstretched:
         why = f"the recordings ask for more than physics allows: {', '.join(map(_beyond, choice.overstretched))}"
-    return (f"nearest in the catalogue: {' with '.join(names)}; not named, for {why}",)
+    return (f"nearest in the catalogue: {' with '.join(names)}; not named, for {why}", *rang)
 
 
 def _beyond(name: str) -> str:

@@ -19,7 +19,8 @@ class Choice:
     ``overstretched``: those of them that asked for more than their laws allow; ``outdone``: something learned explains
     what they do, and better.
     ``free``: the name of a mechanism that a learned curve is, which the hypothesis does not hold. ``settled``: every
-    name was set against what could stand in its place.
+    name was set against what could stand in its place. ``rang``: what was learned beyond it, or in its place, was left
+    out, as it rings within the bins.
     """
 
     state: State
@@ -31,6 +32,7 @@ class Choice:
     outdone: bool = False
     free: str = ""
     settled: bool = False
+    rang: bool = False
 
     def with_only(self, state: State) -> Choice:
         """The choice with fewer names, those of ``state``."""

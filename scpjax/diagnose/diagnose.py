@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from scpjax.abreast import meanwhile
 from scpjax.diagnose.answer import answer
 from scpjax.diagnose.choice import Choice, Progress
-from scpjax.diagnose.evidence import Evidence, is_better
+from scpjax.diagnose.evidence import Evidence, ahead, is_better
 from scpjax.diagnose.expression import in_words
 from scpjax.diagnose.free import nameless
 from scpjax.diagnose.holdout import Split, split
@@ -31,7 +31,7 @@ from scpjax.diagnose.outside import (
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.profiles import Limits
 from scpjax.diagnose.result import Diagnosis, Latent
-from scpjax.diagnose.rhythm import Rhythm, rhythm, ripple
+from scpjax.diagnose.rhythm import Rhythm, rhythms, ripple
 from scpjax.diagnose.rivals import Outcome, next_experiment
 from scpjax.diagnose.screen import ready
 from scpjax.diagnose.swing import Swing, swinging
@@ -141,7 +141,8 @@ def _beyond(
     elif learned is None:
         choice, learned = form_rather_than_name(parts, base, choice, rules)
     if found.curve is None and learned is not None and swings_within_bins(learned.state, choice.state, parts):
-        choice, learned = found.choice if choice.outdone else choice, None  # names that it alone was better than stay
+        stay = found.choice if choice.outdone else choice  # also names that it alone was better than
+        choice, learned = replace(stay, rang=True), None
     best = learned.state if learned is not None else choice.state
     nothing = nothing_explains(base, choice, learned, parts)
     if not (nothing or choice.free or level(best, parts) > AT_NOISE):
@@ -157,10 +158,21 @@ def _beyond(
 def _repeating(
     misfit: Misfit, lacking: Sequence[Latent], base: State, parts: Split, rules: Evidence
 ) -> tuple[Rhythm | None, Swing | None]:
-    """What repeats in the misfit, with time or with the displacement, and the model of it where one does better."""
-    radius = base.setup.structure.pulley_radius or 1.0
-    swing = max(filter(None, (rhythm(misfit, lacking), ripple(misfit, radius))), key=lambda r: r.share, default=None)
-    by_swing = None if swing is None else swinging(base, parts, rules, swing)
-    if swing is None or by_swing is None:
+    """What repeats in the misfit, with time or with the displacement, and the model of it where one does better.
+
+    Found beside the base model, a swing as great as the drive is only nearly in its place: of those that come near each
+    other the one has it of which the model has clearly most evidence.
+    """
+    in_time, in_place = rhythms(misfit, lacking), ripple(misfit, base.setup.structure.pulley_radius or 1.0)
+    if in_place is not None and not (in_time and in_time[0].share >= in_place.share):
+        in_time = [in_place]
+    found = [(swing, swinging(base, parts, rules, swing)) for swing in in_time]
+    if not found:
+        return None, None
+    swing, by_swing = next((f for f in found if f[1] is not None), found[0])
+    if by_swing is None:
         return swing, None
+    for other, by_other in found:
+        if by_other is not None and ahead(by_other.state, by_swing.state, parts, rules) > rules.bic:
+            swing, by_swing = other, by_other
     return replace(swing, period=by_swing.period), by_swing

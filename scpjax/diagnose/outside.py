@@ -29,6 +29,7 @@ _BEHIND = 0.05  # of the misfit in excess of the noise: by which a balance that 
 _COMPLETE = 0.1  # of the misfit: what a closure alone may leave to be an explanation in place of names
 _MOST = 0.25  # of the held-out misfit, up to which a closure may leave and say where it lies: half in root mean square
 _FAR_BETTER = 0.5  # ratio of what it leaves to what the names leave, below which they are false
+_TOLD = 1.96  # standard errors: a time that is less is not told from none
 _MANY = 2.0  # times the evidence for a name, that a closure must be ahead of one which stands at an end
 _HEATED = ("drive", "thermoelectric", "sensor")  # where names act that a reaction may look like, one by a heat
 
@@ -247,14 +248,25 @@ def _asking_for_more(state: State, parts: Split) -> tuple[str, ...]:
     return tuple(n for n in state.names if n in found)
 
 
-def _acting_at_once(state: State) -> tuple[str, ...]:
-    """Names of which a time stands at the lower end of its bounds: what they delay is delayed by nothing, and a force
-    that follows the drive itself may be imitated.
+def _acting_at_once(state: State, parts: Split) -> tuple[str, ...]:
+    """Names of which a time stands at the lower end of its bounds, or is less than a bin and not told from none: what
+    they delay is delayed by nothing that was recorded, and a force that follows the drive itself may be imitated.
     """
-    quickest = at_limit(state.trial, state.setup.space) & np.asarray(state.trial.active)
-    quickest &= np.asarray(state.trial.free[:-1]) < 0.0
-    found = {s.mechanism for s in state.setup.structure.slots if quickest[s.index] and s.parameter.time}
+    setup, moves = state.setup, np.asarray(state.trial.active)
+    times = [s for s in setup.structure.slots if s.parameter.time and moves[s.index]]
+    quickest = at_limit(state.trial, setup.space) & (np.asarray(state.trial.free[:-1]) < 0.0)
+    short = [s for s in times if s.mechanism in state.names and state.values[s.index] < _bin_width(parts)]
+    if short:
+        told = estimates(state.trial, setup.space, uncertainty(state.trial, parts.train, setup.space))
+        for s in short:
+            quickest[s.index] |= not told[s.key].value > _TOLD * told[s.key].std
+    found = {s.mechanism for s in times if quickest[s.index]}
     return tuple(n for n in state.names if n in found)
+
+
+def _bin_width(parts: Split) -> float:
+    """Seconds, of the recording in which a bin is longest."""
+    return float(np.max(np.asarray(parts.whole.grids.step))) * parts.whole.bin
 
 
 def _instead_of_doubtful(base: State, state: State, parts: Split, rules: Evidence) -> Beyond | None:
@@ -262,28 +274,32 @@ def _instead_of_doubtful(base: State, state: State, parts: Split, rules: Evidenc
     which a parameter stands at its end, where it has far more evidence too: that name may well be right, and of many
     closures the best one was taken.
     """
-    at_once = bool(_acting_at_once(state))
+    at_once = bool(_acting_at_once(state, parts))
     if not (at_once or (len(state.names) == 1 and strained(state))):
         return None
-    found = _in_place_of(base, state, parts, rules)
+    found = _in_place_of(base, state, parts, rules, as_well=at_once)
     return found if found is None or at_once or ahead(found.state, state, parts, rules) > _MANY * rules.bic else None
 
 
-def _in_place_of(base: State, state: State, parts: Split, rules: Evidence, where: Sequence[str] = ()) -> Beyond | None:
+def _in_place_of(
+    base: State, state: State, parts: Split, rules: Evidence, where: Sequence[str] = (), *, as_well: bool = False
+) -> Beyond | None:
     """A closure ``where`` it may stand (anywhere when none is given) that is none of the names of a hypothesis, reaches
-    the noise, and predicts the held-out stretches better. Such names being unlikely, it need not have more evidence.
+    the noise, and predicts the held-out stretches better. Such names being unlikely, it need not have more evidence;
+    where it has, it is enough to predict them ``as_well``.
     """
-    squares = lambda s: float(np.sum(s.residual[parts.is_held] ** 2))  # noqa: E731
+
+    def predicts(s: State) -> bool:
+        mine, its = (float(np.sum(h.residual[parts.is_held] ** 2)) for h in (s, state))
+        return mine < its or (as_well and mine < its + rules.held_out and ahead(s, state, parts, rules) > 0.0)
+
     found: list[Beyond | None] = [f(base, parts, rules, where) for f in (bend, learn)]
     if not where or "thermoelectric" in where:
         found.append(reacting(base, parts, rules))
     able = [
         f
         for f in found
-        if f is not None
-        and level(f.state, parts) <= AT_NOISE
-        and _is_none_of(f, state)
-        and squares(f.state) < squares(state)
+        if f is not None and level(f.state, parts) <= AT_NOISE and _is_none_of(f, state) and predicts(f.state)
     ]
     return max(able, key=lambda f: ahead(f.state, base, parts, rules), default=None)
 

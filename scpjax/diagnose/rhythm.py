@@ -30,6 +30,7 @@ _PLACES = 8  # of them in a period, at the least
 _TURNS, _MOST_TURNS = 2.0, 40.0  # in the range of displacement, between which it may repeat
 _QUICK = 0.9  # quantile of the steps between bins, within which a turn is resolved
 _FINE = 4  # periods tried per cycle more or less in the longest recording
+_NEARLY = 0.8  # of the share of the likeliest swing, with which another is nearly as likely
 _ABLE = 0.5  # of what the best balance can answer for, that another must, for a swing to be looked for in it
 
 
@@ -54,10 +55,11 @@ class Rhythm:
         return f"It repeats with every {1e3 * self.period:.3g} mm of displacement."
 
 
-def rhythm(misfit: Misfit, lacking: Sequence[Latent]) -> Rhythm | None:
-    """The swing that takes away most, in a balance or sensor that could answer for the misfit (`missing`); None where
-    none takes away enough. A balance before a reading that is hardly better, and where no thermometer was a force
-    before a heat that is, which has to swing the more, the quicker it does; of a joint both sides swing.
+def rhythms(misfit: Misfit, lacking: Sequence[Latent]) -> list[Rhythm]:
+    """The swings that take away enough, in balances and sensors that could answer for the misfit (`missing`), likeliest
+    first, with those that are nearly as likely. A balance before a reading that is hardly better, and where no
+    thermometer was a force before a heat that is, which has to swing the more, the quicker it does; of a joint both
+    sides swing.
     """
     best = max(m.explained for m in lacking)
     places = dict.fromkeys((m.subsystem, _of_both(m.place)) for m in lacking if m.explained > _ABLE * best)
@@ -65,7 +67,8 @@ def rhythm(misfit: Misfit, lacking: Sequence[Latent]) -> Rhythm | None:
     guessed = {"sensor"}
     if not any(place.startswith("temperature") for place in misfit.places):
         guessed |= {"thermoelectric", "drive"}
-    return max(found, key=lambda r: r.share * (READING if r.subsystem in guessed else 1.0), default=None)
+    share = {r: r.share * (READING if r.subsystem in guessed else 1.0) for r in found}
+    return sorted((r for r in found if share[r] > _NEARLY * max(share.values())), key=lambda r: -share[r])
 
 
 def ripple(misfit: Misfit, radius: float = 1.0) -> Rhythm | None:

@@ -7,8 +7,8 @@ import os
 import numpy as np
 import pytest
 
-from scpjax.cli.commands import MINUTES
-from scpjax.diagnose.diagnose import DiagnoseOptions, diagnose
+from fits.common import AS_THE_COMMAND
+from scpjax.diagnose.diagnose import diagnose
 from scpjax.fit.metrics import nrmse, rmse
 from scpjax.fit.predict import predict
 from scpjax.recordings.files import read_recording
@@ -16,8 +16,6 @@ from scpjax.recordings.files import read_recording
 all_cases = pytest.mark.skipif(
     os.environ.get("SCPJAX_ACCEPTANCE") != "1", reason="skipped: set SCPJAX_ACCEPTANCE=1 to run every acceptance case"
 )
-
-AS_THE_COMMAND = DiagnoseOptions(patience=60 * MINUTES)
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +72,7 @@ def test_fluidic_muscle(data_dir):
 @all_cases
 def test_electronic_oscillator(data_dir):
     folder = data_dir / "silverbox"
-    d = diagnose([read_recording(folder / "multisine_train.csv")])
+    d = diagnose([read_recording(folder / "multisine_train.csv")], options=AS_THE_COMMAND)
     assert d.mechanisms[0].name == "nonlinear_stiffness"
     for name, bar in (("multisine_test", 0.33e-3), ("arrow_test", 0.45e-3)):
         unseen = read_recording(folder / f"{name}.csv")

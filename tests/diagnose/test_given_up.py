@@ -100,7 +100,7 @@ def test_names_that_leave_little_are_corrected_in_their_balance_near_the_noise(m
     base = replace(base, residual=base.residual * 20.0 * far)
     assert form_at_most(base, named, parts)
     asked = []
-    monkeypatch.setattr(outside, "_acting_at_once", lambda _: ())
+    monkeypatch.setattr(outside, "_acting_at_once", lambda *_: ())
     monkeypatch.setattr(outside, "form", lambda state, _parts, _rules, where: asked.append((state, list(where))))
     choice, learned = beyond_names(parts, base, Choice(named, (), {}, {}), Evidence(), ["sensor"])
     assert choice.state is named
@@ -112,7 +112,7 @@ def test_a_name_of_which_nothing_stays_beside_the_closure_is_taken_out(monkeypat
     base, parts = rubbed()
     named = added(added(base, "ambient_drift", parts), "sensor_lag", parts)
     learned = SimpleNamespace(state=named)
-    monkeypatch.setattr(outside, "_acting_at_once", lambda _: ())
+    monkeypatch.setattr(outside, "_acting_at_once", lambda *_: ())
     monkeypatch.setattr(outside, "closure", lambda *_: learned)
     monkeypatch.setattr(outside, "_CLEARLY", np.inf)
     monkeypatch.setattr(outside, "_FAR_BETTER", 0.0)
@@ -143,7 +143,7 @@ def test_a_name_that_the_data_do_not_tell_from_none_beside_the_closure_is_taken_
     values[setup.structure.index["ambient_drift.drift"]] = drift
     trial = setup.trial(values, np.asarray(named.trial.active), np.asarray(named.trial.laws), len(named.trial.index))
     learned = SimpleNamespace(state=replace(named, trial=trial))
-    monkeypatch.setattr(outside, "_acting_at_once", lambda _: ())
+    monkeypatch.setattr(outside, "_acting_at_once", lambda *_: ())
     monkeypatch.setattr(outside, "form" if corrects else "closure", lambda *_: learned)
     monkeypatch.setattr(outside, "_CLEARLY", np.inf)
     monkeypatch.setattr(outside, "_FAR_BETTER", 0.0)
@@ -205,21 +205,60 @@ def test_a_delay_of_no_time_is_no_name_where_a_force_follows_the_drive(monkeypat
     assert found.terms == ("learned_force.u",)
     (instead,) = _instead(found)
     assert instead == "displacement reads too much by = s(u)", "a sensor that feels the drive does as well"
-    monkeypatch.setattr(outside, "_in_place_of", lambda *_: found)
+    monkeypatch.setattr(outside, "_in_place_of", lambda *_, **__: found)
     for told in (form_rather_than_name, partial(beyond_names, where=())):  # at the noise, and away from it
         choice, learned = told(parts, base, Choice(named, (), {"two_node_thermal": 1.0}, {}), Evidence())
         assert choice.state is base
         assert choice.outdone
         assert learned is found
     slow, its = base_of(recorded(lambda _t, temperature, _x: 0.6 * LOSS * temperature * abs(temperature) / 30.0))
-    assert outside._acting_at_once(added(slow, "nonlinear_heat_loss", its)) == ()
-    monkeypatch.setattr(outside, "_acting_at_once", lambda state: ())
+    assert outside._acting_at_once(added(slow, "nonlinear_heat_loss", its), its) == ()
+    monkeypatch.setattr(outside, "_acting_at_once", lambda *_: ())
     for stretched, bic, outdone in (((), 30.0, False), (named.names, 20.0, False), (named.names, 30.0, True)):
         monkeypatch.setattr(outside, "strained", lambda state, names=stretched: names)
         monkeypatch.setattr(outside, "ahead", lambda *_, bic=bic: bic)
         assert (outside._instead_of_doubtful(base, named, parts, Evidence()) is found) == outdone
     two = SimpleNamespace(names=("two_node_thermal", "creep"))  # of which one may make up for the other's law
     assert outside._instead_of_doubtful(base, two, parts, Evidence()) is None  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("width", "std", "at_once"), [(2.0, 0.6, True), (2.0, 0.4, False), (0.5, 0.6, False), (2.0, np.nan, True)]
+)
+def test_a_time_within_a_bin_that_is_not_told_from_none_is_none(monkeypatch, width, std, at_once):
+    """Times of the time constant: a bin lasts ``width`` of them, and the error is ``std``."""
+    base, parts = base_of(recorded(nothing, attraction=0.005))
+    named = added(base, "two_node_thermal", parts)
+    (slot,) = (s for s in named.setup.structure.slots if s.key == "two_node_thermal.time_constant")
+    time = named.values[slot.index]
+    monkeypatch.setattr(outside, "at_limit", lambda trial, space: np.zeros(len(trial.active), bool))
+    monkeypatch.setattr(outside, "_bin_width", lambda _: width * time)
+    monkeypatch.setattr(outside, "uncertainty", lambda *_: None)
+    monkeypatch.setattr(outside, "estimates", lambda *_: {slot.key: SimpleNamespace(value=time, std=std * time)})
+    assert outside._acting_at_once(named, parts) == (("two_node_thermal",) if at_once else ())
+
+
+@pytest.mark.parametrize(
+    ("more", "ahead", "as_well", "found"),
+    [
+        (-1.0, -9.0, False, True),
+        (1.0, 5.0, False, False),
+        (1.0, 5.0, True, True),
+        (1.0, -5.0, True, False),
+        (7.0, 50.0, True, False),
+    ],
+)
+def test_a_closure_with_more_evidence_need_only_predict_as_well(monkeypatch, more, ahead, as_well, found):
+    """``more`` of the held-out misfit than names leave, in units of the noise."""
+    held = np.ones((1, 1, 1), bool)
+    state = lambda left: SimpleNamespace(residual=np.full((1, 1, 1), np.sqrt(left)))  # noqa: E731
+    learned = SimpleNamespace(state=state(100.0 + more))
+    for name, value in (("bend", None), ("learn", learned), ("reacting", None), ("level", 1.0), ("ahead", ahead)):
+        monkeypatch.setattr(outside, name, lambda *_, value=value: value)
+    monkeypatch.setattr(outside, "_is_none_of", lambda *_: True)
+    parts = SimpleNamespace(is_held=held)
+    told = outside._in_place_of(None, state(100.0), parts, Evidence(), as_well=as_well)  # type: ignore[arg-type]
+    assert (told is learned) == found
 
 
 def test_away_from_the_noise_it_is_given_up_and_the_note_says_why(monkeypatch):
@@ -233,6 +272,7 @@ def test_away_from_the_noise_it_is_given_up_and_the_note_says_why(monkeypatch):
     (note,) = _nearest(choice)
     said = "the recordings ask for more than physics allows: exponent of nonlinear_heat_loss outside 0.15 to 2"
     assert note == f"nearest in the catalogue: nonlinear_heat_loss; not named, for {said}"
+    assert [n[:14] for n in _nearest(replace(choice, rang=True))] == ["nearest in the", "what was learn"]
     monkeypatch.setattr(identifiability, "_DETERMINED", 0.0)  # not determined, a value at its limit says nothing
     kept, _ = beyond_names(parts, base, Choice(named, (), {"nonlinear_heat_loss": 1.0}, {}), Evidence(), [])
     assert kept.state is named

@@ -117,7 +117,7 @@ def test_names_stay_that_only_a_closure_which_rings_was_better_than(monkeypatch,
     monkeypatch.setattr(room, "nothing_explains", lambda *_: False)
     found = Found(None, state, named)  # type: ignore[arg-type]
     told = room._beyond(found, None, (), Evidence(), lambda *_: None)  # type: ignore[arg-type]
-    assert told[:2] == ((named, None) if rings else (instead, closure))
+    assert told[:2] == ((replace(named, rang=True), None) if rings else (instead, closure))
 
 
 def test_nothing_is_missing_where_nothing_is():

@@ -17,7 +17,7 @@ from scpjax.diagnose.latent import Misfit, missing
 from scpjax.diagnose.locate import observe
 from scpjax.diagnose.naming import Found
 from scpjax.diagnose.outside import level, outdone
-from scpjax.diagnose.rhythm import Rhythm, rhythm, ripple
+from scpjax.diagnose.rhythm import Rhythm, rhythms, ripple
 from scpjax.diagnose.swing import swinging
 from scpjax.diagnose.trials import State, residual_on
 from scpjax.fit.fit import best_start, refine
@@ -57,7 +57,7 @@ def misfit_of(heat, shake: float = 0.0) -> Misfit:
 
 
 def found_in(misfit: Misfit) -> Rhythm | None:
-    return rhythm(misfit, missing(misfit))
+    return next(iter(rhythms(misfit, missing(misfit))), None)
 
 
 @pytest.mark.parametrize(
@@ -91,9 +91,9 @@ def test_where_no_thermometer_was_a_force_swings_rather_than_a_heat(monkeypatch,
         lambda misfit, place, subsystem: [Rhythm(subsystem, place, "", PERIOD, shares[place])],
     )
     lacking = [SimpleNamespace(subsystem=s, place=p, explained=0.9) for p, s in where.items()]
-    found = rhythm(SimpleNamespace(places={f"{measured} reading": None, **where}), lacking)  # type: ignore[arg-type]
-    assert found is not None
-    assert found.place == place
+    found = rhythms(SimpleNamespace(places={f"{measured} reading": None, **where}), lacking)  # type: ignore[arg-type]
+    assert found[0].place == place
+    assert {r.place for r in found} == set(where)
 
 
 def test_nothing_swings_where_a_state_has_it():
@@ -112,7 +112,7 @@ def test_what_comes_and_goes_at_random_does_not_swing():
             flow[i] = memory * flow[i - 1] + kick[i]
         felt = misfit.responses("heat", [flow[:, None]])[:, 0]
         misfit.target = 10 * felt / np.std(felt) + rng.standard_normal(len(felt))
-        alarms += rhythm(misfit, places) is not None
+        alarms += bool(rhythms(misfit, places))
     misfit.target = keep
     assert alarms <= 1
 
@@ -257,6 +257,23 @@ def test_what_repeats_stands_against_a_curve(monkeypatch, free, left, by_swing, 
     assert learned is (swing if told == "swing" else curve)
     assert period == ("period" if told == "swing" else None)
     assert (after.outdone, after.free) == (told == "swing", "" if told == "swing" else free)
+
+
+@pytest.mark.parametrize(("ahead", "place"), [(5.0, "drive"), (50.0, "heat"), (None, "drive")])
+def test_of_places_that_come_near_each_other_the_model_decides(monkeypatch, ahead, place):
+    """Unless it has no more evidence than chance, or none stands where it was likeliest."""
+    likeliest, other = (Rhythm("thermoelectric", p, "", PERIOD, share) for p, share in (("drive", 0.86), ("heat", 0.8)))
+    shorter = SimpleNamespace(state=None, period=0.9 * PERIOD)
+    monkeypatch.setattr(room, "rhythms", lambda *_: [likeliest, other])
+    monkeypatch.setattr(room, "ripple", lambda *_: None)
+    monkeypatch.setattr(
+        room, "swinging", lambda _b, _p, _r, found: None if found is other and ahead is None else shorter
+    )
+    monkeypatch.setattr(room, "ahead", lambda *_: ahead)
+    base = SimpleNamespace(setup=SimpleNamespace(structure=SimpleNamespace(pulley_radius=None)))
+    swing, by_swing = room._repeating(None, [], base, None, Evidence())  # type: ignore[arg-type]
+    assert by_swing is shorter
+    assert swing == replace(likeliest if place == "drive" else other, period=0.9 * PERIOD)
 
 
 def test_a_curve_that_is_outdone_is_told_of():
