@@ -7,19 +7,21 @@ all base parameters, with few pieces and with many, and judged on stretches held
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from scpjax.abreast import abreast
+from scpjax.compiled import quickly_compiled
 from scpjax.diagnose.evidence import Comparison, Evidence, are_alike, compare
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.trials import State, fit_leading, grown, integrable, laws_of
-from scpjax.fit.problem import CEILING, Trial, by_recording, initial_state, unpack
+from scpjax.fit.data import Data
+from scpjax.fit.problem import CEILING, Space, Trial, by_recording, initial_state, unpack
 from scpjax.fit.setup import Setup, carry
 from scpjax.fit.solve import binned_of, evaluate, make_room, stack
 from scpjax.physics.catalogue import mechanism
@@ -119,7 +121,8 @@ def curves(
     able = [m for m in map(mechanism, CURVES) if all(there[need] for need in m.needs)]
     make_room()
     where = [m for m in able if m.subsystem in subsystems] or able
-    found = abreast(lambda m: _of(m, state, split, rules, allowed), where)  # each has a program to be compiled
+    seen = ranges(state, split)
+    found = abreast(lambda m: _of(m, state, split, rules, seen, allowed), where)  # each has a program to be compiled
     return [c for c in itertools.chain(*found) if c.evidence.accepted and _stands(c, state, split)]
 
 
@@ -138,21 +141,14 @@ def ranges(state: State, split: Split) -> dict[str, float]:
     """Lowest and highest value of every variable where the simulation was fitted, 0 among them, with a margin: the
     weight of a piece of the curve beyond that would be anything.
     """
-    model, local = unpack(state.trial.free, state.trial, state.setup.space)
-    data, sides = split.whole, len(model.structure.sides)
-    names = model.structure.state_names
-
-    def one(grid: Grid, effort: Array, values: Array, m: Model) -> tuple[Array, Array]:
-        z0 = initial_state(m, state.setup.space.locals, values, effort)
-        return node_states(m, grid, z0, order=data.order)
-
-    every = by_recording(model, data)
-    states, efforts = jax.jit(jax.vmap(one))(data.grids, jnp.asarray(data.start_effort), local, every)
+    structure, data = state.setup.structure, split.whole
+    sides, names = len(structure.sides), structure.state_names
+    states, efforts = _simulated(state.trial, data, state.setup.space)
     fitted = np.asarray(split.train.weights).sum(axis=2) > 0
     nodes = [np.asarray(at)[mine] for at, mine in zip(np.asarray(data.grids.at), fitted, strict=True)]
     states, efforts = (np.concatenate([np.asarray(x)[i, at] for i, at in enumerate(nodes)]) for x in (states, efforts))
     seen = {v: np.zeros(1) for v in VARIABLES}
-    if model.structure.thermal:
+    if structure.thermal:
         seen["temperature"] = np.asarray(states[..., :sides])
     for v in ("displacement", "velocity"):
         if v in names:
@@ -170,6 +166,17 @@ def ranges(state: State, split: Split) -> dict[str, float]:
     return out
 
 
+@quickly_compiled
+def _simulated(trial: Trial, data: Data, space: Space) -> tuple[Float[Array, "r n z"], Float[Array, "r n s"]]:
+    """States and efforts of a trial at its free vector."""
+    model, local = unpack(trial.free, trial, space)
+
+    def one(grid: Grid, effort: Array, values: Array, m: Model) -> tuple[Array, Array]:
+        return node_states(m, grid, initial_state(m, space.locals, values, effort), order=data.order)
+
+    return jax.vmap(one)(data.grids, jnp.asarray(data.start_effort), local, by_recording(model, data))
+
+
 def drives_differ(recordings: Sequence[Recording]) -> bool:
     """Whether some two recordings were driven so differently that what they have in common over time is the time's:
     under one drive, or a weaker one of its form, whatever is slow is a curve of the time.
@@ -183,8 +190,15 @@ def drives_differ(recordings: Sequence[Recording]) -> bool:
     return False
 
 
-def _of(m: Mechanism, state: State, split: Split, rules: Evidence, allowed: Callable[[Form], bool]) -> list[Curve]:
-    """The forms of a balance that promise most, fitted with few pieces."""
+def _of(
+    m: Mechanism,
+    state: State,
+    split: Split,
+    rules: Evidence,
+    seen: Mapping[str, float],
+    allowed: Callable[[Form], bool],
+) -> list[Curve]:
+    """The forms of a balance that promise most, fitted with few pieces; ``seen``: the variables' `ranges`."""
     forms: tuple[Form, ...] = m.forms  # pyright: ignore[reportAttributeAccessIssue]
     laws = [law for law in range(0, len(m.laws), len(PIECES)) if allowed(form_of(forms, law)[0])]
     if not drives_differ(state.setup.recordings):
@@ -193,7 +207,7 @@ def _of(m: Mechanism, state: State, split: Split, rules: Evidence, allowed: Call
         return []
     problem = grown(state.setup, m)
     fixed = problem.fixed.copy()
-    for name, value in ranges(state, split).items():
+    for name, value in seen.items():
         fixed[problem.structure.index[f"{m.name}.{name}"]] = value
     problem = replace(problem, fixed=fixed)
     trials = [_trial(problem, state, m, law) for law in laws]

@@ -43,7 +43,7 @@ _ABREAST = 0.8  # of the leader's promise, with which one is fitted too as long 
 _COARSE = 1e-4  # half the fall of the sum of squares in one step, as a share of it, with which a trial need not go on
 _NOISE = 1.05  # sum of squares, in units of that of the noise, up to which a trial has reached it
 _LOST = 2.0**2  # mean square, in units of the noise's, down to which a first name comes near the noise
-_STARTS = 8  # of one mechanism, at most
+_STARTS, _STARTS_LATE = 8, 2  # of one mechanism, at most; out of patience
 _AHEAD = 2  # programs compiled beside a fit
 
 
@@ -60,7 +60,7 @@ def _best_starts(promise: Promise) -> list[Start]:
     laws = dict.fromkeys(promise.starts[i].law for i in order)
     first = [next(i for i in order if promise.starts[i].law == law) for law in laws]
     queue = first + [i for i in order if i not in first]
-    return [promise.starts[i] for i in queue[:_STARTS]]
+    return [promise.starts[i] for i in queue]
 
 
 def fit_promising(
@@ -82,7 +82,7 @@ def fit_promising(
     fitted too, all beginning anew. Out of ``patience`` only the few that promise most are fitted.
     """
     patience = patience or Patience()
-    fits = _Fits(state, split, begun, max_steps, tell)
+    fits = _Fits(state, split, begun, max_steps, tell, patience)
     make_room()
     most = _LATER if state.names else _AT_MOST
     excess = max(state.cost - float(split.is_train.sum()), 0.0)
@@ -131,6 +131,7 @@ class _Fits:
     begun: Fresh | None
     max_steps: int
     tell: Callable[[str], None]
+    patience: Patience = field(default_factory=Patience)
     found: dict[str, dict[int, State]] = field(default_factory=dict)  # by mechanism and law
     lead: float = 0.0  # fall of the sum of squares by the closest
     explained: bool = False  # one of them has reached the noise
@@ -152,19 +153,19 @@ class _Fits:
 
     def add(self, promise: Promise, *, bent: bool = True) -> None:
         """Fit with a mechanism from where the hypothesis stands (``bent``) and, where that does not reach the noise
-        and no other has, with everything at its start.
+        and no other has, with everything at its start; out of patience only from the starts that promise most.
         """
-        m = promise.mechanism
+        m, hurried = promise.mechanism, bent and self.patience.over()
         self.tell(m.name)
         problem = grown(self.state.setup, m)
         over = {s.law: s for s in starts_with(self.state, m, problem)}
-        queue = _best_starts(promise)
+        queue = _best_starts(promise)[: _STARTS_LATE if hurried else _STARTS]
         trials = [_transfer(s, over[s.law], problem) for s in queue] if bent else []
         if self.begun and _is(promise, self.begun):
             trials += [trial_at(problem, s.value, s.laws) for s in starts_with(self.begun.state, m, problem)]
         nearly = NEARLY if bent and not self.explained else _RIVAL
         found, solved, cost = self._closest(m, problem, trials, nearly)
-        if not (self.explained or any(at_noise(s, self.split, FAR) for s in (self.state, *found.values()))):
+        if not (hurried or self.explained or any(at_noise(s, self.split, FAR) for s in (self.state, *found.values()))):
             laws = [over[law].laws for law in dict.fromkeys(s.law for s in queue)]
             own = [trial_at(problem, from_their_starts(problem, which)[0], which) for which in laws]
             found, _, _ = self._closest(m, problem, own, nearly, solved, cost)

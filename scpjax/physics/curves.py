@@ -149,11 +149,11 @@ def product(forms: tuple[Form, ...], p: Values, view: View, of: str = "") -> Sid
     pieces = jnp.where(p.law - which * len(PIECES) == 0, PIECES[0], PIECES[1])
     inside = jnp.clip(z, 0.0, 1.0)
     beyond = pieces * (z - inside)
-    out = jnp.zeros_like(z)
-    for k, w in enumerate(WEIGHTS):
-        at = pieces * inside - k
-        out = out + getattr(p, w) * (_bell(at) + beyond * _slope(at) - _bell(pieces * zero - k))
-    return here * factor * out
+    k = jnp.arange(len(WEIGHTS), dtype=z.dtype)
+    at = (pieces * inside)[..., None] - k
+    shape = _bell(at) + beyond[..., None] * _slope(at) - _bell(pieces * zero - k)
+    weights = jnp.stack([getattr(p, w) * jnp.ones_like(z) for w in WEIGHTS], axis=-1)
+    return here * factor * jnp.sum(weights * shape, axis=-1)
 
 
 class LearnedCurve(Mechanism):

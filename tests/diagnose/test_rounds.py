@@ -141,6 +141,23 @@ def test_the_programs_of_what_is_asked_for_next_are_compiled_beside_a_fit(monkey
     assert ready == [["m2", "m3"], ["m3", "m4"], ["m4"]]
 
 
+@pytest.mark.parametrize(("seconds", "fitted"), [(np.inf, [5, 2]), (0.0, [2])])
+def test_out_of_patience_a_mechanism_is_fitted_from_its_best_starts_only(monkeypatch, seconds, fitted):
+    """Not from all of them, and not with everything at its start."""
+    starts = [SimpleNamespace(law=i % 2, laws=None, value=None) for i in range(5)]
+    for name, value in (("grown", None), ("starts_with", starts), ("_best_starts", starts), ("_transfer", None)):
+        monkeypatch.setattr(promising, name, lambda *_, value=value: value)
+    monkeypatch.setattr(promising, "trial_at", lambda *_: None)
+    monkeypatch.setattr(promising, "from_their_starts", lambda *_: [None])
+    monkeypatch.setattr(promising, "at_noise", lambda *_: False)
+    promise, state = SimpleNamespace(mechanism=SimpleNamespace(name="m")), SimpleNamespace(setup=None)
+    fits = promising._Fits(state, None, None, 40, lambda _: None, Patience(seconds))  # type: ignore[arg-type]
+    asked = []
+    monkeypatch.setattr(fits, "_closest", lambda m, problem, trials, *_: (asked.append(len(trials)), ({}, [], []))[1])
+    fits.add(promise)  # type: ignore[arg-type]
+    assert asked == fitted
+
+
 def test_of_trials_that_came_to_the_same_place_one_goes_on():
     """By the same laws: others that are as close may end elsewhere."""
     laws = ([1.0, 0.0], [1.0, 0.0], [1.0, 1.0], *([[1.0, 0.0]] * 6))
