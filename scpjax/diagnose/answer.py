@@ -219,7 +219,7 @@ def _nearest(choice: Choice) -> tuple[str, ...]:
     rang = (_RANG,) if choice.rang else ()
     if not names:
         return rang
-    why = f"with it {100 * left:.0f} % of the misfit of the held-out stretches stays"
+    why = f"with it {100 * left:.0f} % of the misfit stays"
     if choice.outdone:
         why = "what was learned in their place explains the same, and better"
     elif choice.overstretched:

@@ -15,7 +15,7 @@ Progress = Callable[[str, float], None]
 class Choice:
     """How it ended: the hypothesis chosen, all that was tried, and what could stand in for what.
 
-    ``given_up``: names that came nearest and are none, and the share of the held-out misfit that they left;
+    ``given_up``: names that came nearest and are none, and the share of the misfit that they left;
     ``overstretched``: those of them that asked for more than their laws allow; ``outdone``: something learned explains
     what they do, and better.
     ``free``: the name of a mechanism that a learned curve is, which the hypothesis does not hold. ``settled``: every

@@ -47,6 +47,11 @@ def _unexplained(state: State, there: np.ndarray) -> float:
     return max(float(np.sum(state.residual[there] ** 2) - there.sum()), 0.0)
 
 
+def _share_left(base: State, state: State, there: np.ndarray) -> float:
+    """Of what the base model leaves beyond the noise, of the samples ``there``, the share that a hypothesis leaves."""
+    return _unexplained(state, there) / max(_unexplained(base, there), 1e-300)
+
+
 def able(lacking: Sequence[Latent], base: State, parts: Split) -> tuple[str, ...]:
     """Balances and sensors that can answer for the misfit of the base model nearly as well as the best of them."""
     there = parts.is_train | parts.is_held
@@ -117,12 +122,12 @@ def beyond_names(
     """What is to be said when the named mechanisms do not reach the noise.
 
     Names are false if a closure without them does far better on the held-out misfit, and explains nearly all of it or
-    they leave much; or if they leave much that stands clearly above the noise, where that is so small that no simple
-    law comes near it more than half; or if they ask for more than their laws allow; or, where they leave little, if one
-    acts at once, or a single one stands at an end, and a closure alone does better. A closure is learned beyond the
-    names that stay; in their balances, as a correction of their laws, where they leave little. A last name that came
-    where little was left is false if such a correction does better in its place, and so is one of which beside the
-    closure nothing stays.
+    they leave much; or if they leave much, of that or of what they were fitted to, that stands clearly above the noise,
+    where that is so small that no simple law comes near it more than half; or if they ask for more than their laws
+    allow; or, where they leave little, if one acts at once, or a single one stands at an end, and a closure alone does
+    better. A closure is learned beyond the names that stay; in their balances, as a correction of their laws, where
+    they leave little. A last name that came where little was left is false if such a correction does better in its
+    place, and so is one of which beside the closure nothing stays.
     """
     alone = _instead_of_doubtful(base, choice.state, parts, rules) if form_at_most(base, choice.state, parts) else None
     if alone is not None:
@@ -161,7 +166,7 @@ def _fewer(choice: Choice, gone: Sequence[str], base: State, parts: Split) -> Ch
 def _told_of(choice: Choice, before: Choice, ends: tuple[str, ...], base: State, parts: Split) -> Choice:
     """The choice with what is told of names that asked for more than their laws allow."""
     names = before.state.names if not choice.state.names else ends
-    left = _unexplained(before.state, parts.is_held) / max(_unexplained(base, parts.is_held), 1e-300)
+    left = _share_left(base, before.state, parts.is_held)
     return replace(choice, given_up=(names, left), overstretched=ends)
 
 
@@ -170,7 +175,7 @@ def outdone(before: Choice, best: State, base: State, parts: Split) -> Choice:
     names = before.state.names or ((before.free,) if before.free else ())
     if not names:  # what was given up before stays told of
         return before
-    left = _unexplained(best, parts.is_held) / max(_unexplained(base, parts.is_held), 1e-300)
+    left = _share_left(base, best, parts.is_held)
     return Choice(base, before.ranking, {}, {}, given_up=(names, left), outdone=True)
 
 
@@ -179,6 +184,7 @@ def _beyond(
 ) -> tuple[Choice, Beyond | None]:
     held = parts.is_held
     whole, left = _unexplained(base, held), _unexplained(choice.state, held)
+    most = max(_share_left(base, choice.state, there) for there in (held, parts.is_train))
     if form_at_most(base, choice.state, parts):
         fewer, corrected = _corrected_rather_than_named(parts, base, choice, rules)
         if corrected is not None:
@@ -197,8 +203,8 @@ def _beyond(
     by_closure = whole if alone is None else _unexplained(alone.state, held)
     better = by_closure < _FAR_BETTER * left and (much or by_closure < _COMPLETE * whole)
     allowed = _HALF if level(base, parts) > _NO_SCALE else _MUCH
-    if better or (left > allowed * whole and level(choice.state, parts) > _CLEARLY):
-        return Choice(base, choice.ranking, {}, {}, given_up=(choice.state.names, left / whole)), alone
+    if better or (most > allowed and level(choice.state, parts) > _CLEARLY):
+        return Choice(base, choice.ranking, {}, {}, given_up=(choice.state.names, most)), alone
     return choice, closure(choice.state, parts, rules)
 
 

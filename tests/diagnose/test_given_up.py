@@ -90,6 +90,20 @@ def test_names_that_leave_much_are_given_up_and_told_of_as_nearest(monkeypatch, 
         assert choice.given_up[1] == pytest.approx(leaves)
 
 
+@pytest.mark.parametrize(("fitted", "held", "stays"), [(0.15, 0.15, True), (0.47, 0.15, False), (0.15, 0.47, False)])
+def test_names_that_leave_much_of_what_they_were_fitted_to_are_given_up_too(monkeypatch, fitted, held, stays):
+    """Whatever they leave of the held-out stretches, which may be easy ones."""
+    base, parts = rubbed()
+    named = added(base, "ambient_drift", parts)
+    square = np.where(parts.is_held, 1.0 + 900.0 * held, np.where(parts.is_train, 1.0 + 900.0 * fitted, 0.0))
+    named = replace(named, residual=np.sqrt(square))
+    base = replace(base, residual=np.full_like(base.residual, np.sqrt(901.0)))
+    monkeypatch.setattr(outside, "closure", lambda *_: None)
+    choice, _ = beyond_names(parts, base, Choice(named, (), {"ambient_drift": 1.0}, {}), Evidence(), ["sensor"])
+    assert (choice.state is named) == stays
+    assert choice.given_up == (((), 0.0) if stays else (("ambient_drift",), pytest.approx(0.47)))
+
+
 @pytest.mark.parametrize(("far", "corrected"), [(1.0, True), (4.0, False)])
 def test_names_that_leave_little_are_corrected_in_their_balance_near_the_noise(monkeypatch, far, corrected):
     """What names leave is sought beyond them only where it may be the form of their laws; they stay in any case."""
