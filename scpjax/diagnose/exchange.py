@@ -58,14 +58,15 @@ def exchanged(
 def _laws_again(state: State, split: Split, rules: Evidence, patience: Patience) -> State:
     """Every name under the law that does best beside the others, from where they stand, as long as something changes
     and they are away from the noise or one asks for more than its law allows: the law of another may be wrong then.
-    Each is asked once however long it takes: that often is all that is amiss where a search has run out of patience.
+    Each is asked once though a search has run out of patience, in a hurry then: that often is all that is amiss.
     """
+    in_a_hurry = partial(under_every_law, hurried=True)
     for turn in range(_PASSES):
         before = state
         for name in state.names:
             if not (_is_far(state, split) or strained(state)) or (turn and patience.over()):
                 return state
-            other = under_every_law(state, name, split)
+            other = (in_a_hurry if patience.over() else under_every_law)(state, name, split)
             if is_better(other, state, split, rules):
                 state = other
         if state is before:

@@ -160,6 +160,7 @@ FAR = 1.15**2
 FEW, NEARLY = 12, 0.2  # steps of all; of the leader's gain after them, with less than which one is left there
 _CHANCE = 2.5  # standard deviations of a mean of squares, which are no misfit
 _LAGS, _WHITE = 4, 0.01  # between neighbours, and how likely they are by chance, above which residuals are white
+_LEADS = 0.95  # the same, in a hurry
 TOLERANCE = 0.02  # half the fall of the sum of squares in one step with which a trial has come to rest
 
 
@@ -239,10 +240,14 @@ def afresh(state: State, split: Split, *, own: bool = True) -> State:
     begun = [np.where(keep, now, start) for start in setup.starts[:3]]
     if own and not at_noise(state, split):
         begun += from_their_starts(setup, laws)
-    trials = [state.trial, *(trial_at(setup, value, laws) for value in begun)]
+    return _leading_at_rest(setup, split, [state.trial, *(trial_at(setup, value, laws) for value in begun)])
+
+
+def _leading_at_rest(setup: Setup, split: Split, trials: Sequence[Trial], nearly: float = NEARLY) -> State:
+    """As `at_rest`, of those only that after a few steps ``nearly`` lead."""
     solved, cost, rest = solve_all(trials, split.train, setup.space, max_steps=FEW, tolerance=TOLERANCE)
-    worst = float(np.max(cost[np.isfinite(cost)]))
-    solved, cost = go_on(setup, split, solved, cost, rest, worst, worst - float(np.min(cost)), 60 - FEW)
+    worst = float(np.max(cost[np.isfinite(cost)], initial=0.0))
+    solved, cost = go_on(setup, split, solved, cost, rest, worst, worst - float(np.min(cost)), 60 - FEW, nearly)
     i = int(np.argmin(cost))
     return State(setup, solved[i], residual_on(solved[i], split.whole, setup), float(cost[i]))
 
@@ -282,11 +287,12 @@ def without(state: State, name: str, split: Split) -> State:
     return at_rest(setup, split, [trial_at(setup, value, laws), trial_at(setup, begun, laws)])
 
 
-def under_every_law(state: State, name: str, split: Split) -> State:
+def under_every_law(state: State, name: str, split: Split, *, hurried: bool = False) -> State:
     """The hypothesis with one of its mechanisms fitted again under every law and from every start, all else from where
-    it stands; the best of them.
+    it stands; the best of them. ``hurried``: what is behind after a few steps is left there.
     """
-    return at_rest(state.setup, split, [trial for trials in _law_by_law(state, name) for trial in trials])
+    trials = [trial for trials in _law_by_law(state, name) for trial in trials]
+    return _leading_at_rest(state.setup, split, trials, _LEADS) if hurried else at_rest(state.setup, split, trials)
 
 
 def under_each_law(state: State, name: str, split: Split) -> list[State]:

@@ -156,8 +156,9 @@ def test_out_of_patience_every_name_is_still_asked_for_its_law_once(swaps, monke
     monkeypatch.setattr(exchange, "at_noise", lambda *_: False)
     asked = []
 
-    def under_every_law(s, name, _):
+    def under_every_law(s, name, _, *, hurried):
         asked.append(name)
+        assert hurried
         return again(s, s.cost - 10.0)
 
     monkeypatch.setattr(exchange, "under_every_law", under_every_law)
@@ -169,7 +170,8 @@ def test_out_of_patience_every_name_is_still_asked_for_its_law_once(swaps, monke
     assert patience.ended
 
 
-def test_a_wrong_law_beside_a_fitted_rest_is_put_right():
+@pytest.mark.parametrize("hurried", [False, True])
+def test_a_wrong_law_beside_a_fitted_rest_is_put_right(hurried):
     """A loss by radiation held under the law of a power, from where that fit came to rest."""
 
     def radiates(_t, temperature, _x):
@@ -182,7 +184,7 @@ def test_a_wrong_law_beside_a_fitted_rest_is_put_right():
         right.setup, parts, [t for t in _starts(base, m, right.setup) if t.laws[-1] != right.trial.laws[-1]]
     )
     assert wrong.laws != right.laws
-    again = under_every_law(wrong, "nonlinear_heat_loss", parts)
+    again = under_every_law(wrong, "nonlinear_heat_loss", parts, hurried=hurried)
     assert again.laws == right.laws
     assert again.cost == pytest.approx(right.cost, rel=1e-3)
     assert again.cost < wrong.cost
