@@ -30,6 +30,7 @@ RANK = {
     "report": 7,
     "bench": 8,
     "cli": 9,
+    "__main__": 10,
 }
 FILES = sorted(p for p in SOURCE.rglob("*.py") if p != SOURCE / "__init__.py")
 

@@ -35,6 +35,11 @@ def test_help_imports_nothing_heavy():
     assert found.stdout.strip().endswith("[]")
 
 
+def test_it_runs_as_a_module_too():
+    told = subprocess.run([sys.executable, "-m", "scpjax", "--version"], capture_output=True, text=True, check=True)
+    assert told.stdout == f"scpjax {scpjax.__version__}\n"
+
+
 def test_version(capsys):
     with pytest.raises(SystemExit) as left:
         main(["--version"])
