@@ -41,7 +41,7 @@ def try_all(
     bent = np.any(misfit(state, split) > _STRAIGHT)
     begun = fresh(state, split, catalogue, candidates) if bent else None
     fitted = fit_promising(state, split, promises, begun, max_steps, tell, contenders, patience)
-    fitted = contested(state, fitted, split)
+    fitted = contested(state, fitted, split, patience or Patience())
     out = []
     for promise in promises:
         m = promise.mechanism
@@ -56,10 +56,12 @@ def try_all(
     return sorted(out, key=lambda c: -c.delta_bic)
 
 
-def contested(before: State, fitted: dict[str, dict[int, State]], split: Split) -> dict[str, dict[int, State]]:
+def contested(
+    before: State, fitted: dict[str, dict[int, State]], split: Split, patience: Patience
+) -> dict[str, dict[int, State]]:
     """Hypotheses by mechanism and law; fitted afresh are those that are close to the closest fit, and the closest of
-    every mechanism that gains much of what the best one does. Between several mechanisms it may decide from which
-    base parameters they began.
+    every mechanism that gains much of what the best one does, as long as there is ``patience``. Between several
+    mechanisms it may decide from which base parameters they began.
     """
     closest = {name: min(s.cost for s in laws.values()) for name, laws in fitted.items() if laws}
     if len(closest) < 2:
@@ -71,7 +73,7 @@ def contested(before: State, fitted: dict[str, dict[int, State]], split: Split) 
     far = not any(at_noise(s, split, FAR) for laws in fitted.values() for s in laws.values())
 
     def again(name: str, s: State) -> State:
-        if s.cost >= _CONTESTED * least and not s.cost == closest[name] < much:
+        if (s.cost >= _CONTESTED * least and not s.cost == closest[name] < much) or patience.over():
             return s
         after = afresh(s, split, own=far)
         return after if after.cost < s.cost else s

@@ -149,7 +149,7 @@ def product(forms: tuple[Form, ...], p: Values, view: View, of: str = "") -> Sid
     pieces = jnp.where(p.law - which * len(PIECES) == 0, PIECES[0], PIECES[1])
     inside = jnp.clip(z, 0.0, 1.0)
     beyond = pieces * (z - inside)
-    k = jnp.arange(len(WEIGHTS), dtype=z.dtype)
+    k = jnp.arange(len(WEIGHTS), dtype=inside.dtype)
     at = (pieces * inside)[..., None] - k
     shape = _bell(at) + beyond[..., None] * _slope(at) - _bell(pieces * zero - k)
     weights = jnp.stack([getattr(p, w) * jnp.ones_like(z) for w in WEIGHTS], axis=-1)

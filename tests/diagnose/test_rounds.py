@@ -26,12 +26,12 @@ def test_fits_that_are_close_are_fitted_afresh(monkeypatch, second, asked):
     monkeypatch.setattr(candidates, "afresh", afresh)
     monkeypatch.setattr(candidates, "at_noise", lambda state, *_: second == 105.0)
     fitted = {"a": {0: fit(100.0), 1: fit(300.0)}, "b": {0: fit(second)}}
-    found = candidates.contested(fit(110.0), fitted, None)  # type: ignore[arg-type]
+    found = candidates.contested(fit(110.0), fitted, None, Patience())  # type: ignore[arg-type]
     assert set(begun) == asked
     assert found["a"][0].cost == 100.0
     assert found["a"][1].cost == 300.0
     assert found["b"][0].cost == (90.0 if asked else second)
-    assert candidates.contested(fit(110.0), {}, None) == {}  # type: ignore[arg-type]
+    assert candidates.contested(fit(110.0), {}, None, Patience()) == {}  # type: ignore[arg-type]
 
 
 def test_the_closest_law_of_what_gains_much_is_fitted_afresh(monkeypatch):
@@ -46,13 +46,14 @@ def test_the_closest_law_of_what_gains_much_is_fitted_afresh(monkeypatch):
         candidates, "afresh", lambda state, split, own: fit(80.0 if state.cost == 300.0 else state.cost)
     )
     fitted = {"a": {0: fit(100.0)}, "b": {0: fit(700.0), 1: fit(300.0)}, "c": {0: fit(700.0)}}
-    found = candidates.contested(fit(1000.0), fitted, None)  # type: ignore[arg-type]
+    assert candidates.contested(fit(1000.0), fitted, None, Patience(0.0)) == fitted  # type: ignore[arg-type]
+    found = candidates.contested(fit(1000.0), fitted, None, Patience())  # type: ignore[arg-type]
     assert found["b"][1].cost == 80.0
     assert (found["a"][0].cost, found["b"][0].cost, found["c"][0].cost) == (100.0, 700.0, 700.0)
     asked: list[float] = []
     monkeypatch.setattr(candidates, "afresh", lambda state, split, own: asked.append(state.cost))
     alone = {"a": {0: fit(100.0), 1: fit(300.0)}, "c": {0: fit(700.0)}}
-    assert candidates.contested(fit(1000.0), alone, None) == alone  # type: ignore[arg-type]
+    assert candidates.contested(fit(1000.0), alone, None, Patience()) == alone  # type: ignore[arg-type]
     assert asked == []
 
 
