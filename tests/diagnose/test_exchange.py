@@ -68,7 +68,7 @@ def swaps(monkeypatch):
     monkeypatch.setattr(exchange, "afresh", lambda s, _: again(s, fresh.get(s.names[-1], s.cost)))
     monkeypatch.setattr(exchange, "prune", lambda s, *_: s)
     monkeypatch.setattr(exchange, "at_noise", lambda *_: True)
-    monkeypatch.setattr(exchange, "under_every_law", lambda s, *_: s)
+    monkeypatch.setattr(exchange, "under_every_law", lambda s, *_, **__: s)
 
     monkeypatch.setattr(exchange, "strained", lambda s: ())
     monkeypatch.setattr(exchange, "moving", lambda s: s.width)

@@ -269,7 +269,7 @@ def test_of_places_that_come_near_each_other_the_model_decides(monkeypatch, ahea
     monkeypatch.setattr(
         room, "swinging", lambda _b, _p, _r, found: None if found is other and ahead is None else shorter
     )
-    monkeypatch.setattr(room, "ahead", lambda *_: ahead)
+    monkeypatch.setattr(room, "ahead", lambda *_: ahead or 0.0)
     base = SimpleNamespace(setup=SimpleNamespace(structure=SimpleNamespace(pulley_radius=None)))
     swing, by_swing = room._repeating(None, [], base, None, Evidence())  # type: ignore[arg-type]
     assert by_swing is shorter
