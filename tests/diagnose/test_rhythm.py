@@ -259,21 +259,31 @@ def test_what_repeats_stands_against_a_curve(monkeypatch, free, left, by_swing, 
     assert (after.outdone, after.free) == (told == "swing", "" if told == "swing" else free)
 
 
-@pytest.mark.parametrize(("ahead", "place"), [(5.0, "drive"), (50.0, "heat"), (None, "drive")])
-def test_of_places_that_come_near_each_other_the_model_decides(monkeypatch, ahead, place):
-    """Unless it has no more evidence than chance, or none stands where it was likeliest."""
+@pytest.mark.parametrize(
+    ("ahead", "modelled", "place"),
+    [
+        (5.0, ("drive", "heat"), "drive"),
+        (50.0, ("drive", "heat"), "heat"),
+        (50.0, ("drive",), "drive"),
+        (-50.0, ("heat",), "heat"),
+        (50.0, (), None),
+    ],
+)
+def test_of_places_that_come_near_each_other_the_model_decides(monkeypatch, ahead, modelled, place):
+    """``ahead``: evidence of the other place's model against that of the likeliest one, where both have one."""
     likeliest, other = (Rhythm("thermoelectric", p, "", PERIOD, share) for p, share in (("drive", 0.86), ("heat", 0.8)))
-    shorter = SimpleNamespace(state=None, period=0.9 * PERIOD)
+    models = {p: SimpleNamespace(state=p, period=0.9 * PERIOD) for p in modelled}
     monkeypatch.setattr(room, "rhythms", lambda *_: [likeliest, other])
     monkeypatch.setattr(room, "ripple", lambda *_: None)
-    monkeypatch.setattr(
-        room, "swinging", lambda _b, _p, _r, found: None if found is other and ahead is None else shorter
-    )
-    monkeypatch.setattr(room, "ahead", lambda *_: ahead or 0.0)
+    monkeypatch.setattr(room, "swinging", lambda _b, _p, _r, found: models.get(found.place))
+    monkeypatch.setattr(room, "ahead", lambda a, b, *_: 0.0 if a == b else ahead if a == "heat" else -ahead)
     base = SimpleNamespace(setup=SimpleNamespace(structure=SimpleNamespace(pulley_radius=None)))
     swing, by_swing = room._repeating(None, [], base, None, Evidence())  # type: ignore[arg-type]
-    assert by_swing is shorter
-    assert swing == replace(likeliest if place == "drive" else other, period=0.9 * PERIOD)
+    if place is None:
+        assert (swing, by_swing) == (likeliest, None)
+    else:
+        assert by_swing is models[place]
+        assert swing == replace(likeliest if place == "drive" else other, period=0.9 * PERIOD)
 
 
 def test_a_curve_that_is_outdone_is_told_of():
