@@ -8,19 +8,20 @@ from typing import Any
 
 import numpy as np
 
+from scpjax.diagnose.beyond import Beyond, balance_of
 from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.curve import Curve
 from scpjax.diagnose.distil import draw
 from scpjax.diagnose.expression import describe, in_words
 from scpjax.diagnose.final import fitted_to_all, resolved
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.hypothesis import State, residual_on
 from scpjax.diagnose.locate import Binned, locate
-from scpjax.diagnose.outside import AT_NOISE, Beyond, balance_of, form_at_most, level, takes_most
 from scpjax.diagnose.reaction import Reaction, draw_reaction
+from scpjax.diagnose.remainder import AT_NOISE, form_at_most, level, takes_most
 from scpjax.diagnose.result import FREE, Closure, Diagnosis, Drawn, Latent, Named, Reference, Scores, Verdict
 from scpjax.diagnose.rhythm import Rhythm
 from scpjax.diagnose.swing import Swing, draw_swing
-from scpjax.diagnose.trials import State, residual_on
 from scpjax.fit.fit import final_model, noise_by_column, scores, traces
 from scpjax.fit.identifiability import Uncertainty, estimates, uncertainty
 from scpjax.fit.result import Estimate

@@ -8,10 +8,12 @@ import numpy as np
 
 from scpjax.diagnose.evidence import Comparison, Evidence, compare, is_better
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.promising import fit_promising
+from scpjax.diagnose.remainder import FAR, at_noise, misfit
 from scpjax.diagnose.screen import fresh, screen
-from scpjax.diagnose.trials import FAR, State, afresh, at_noise, misfit
+from scpjax.diagnose.trials import afresh
 from scpjax.fit.setup import Setup
 from scpjax.physics.mechanism import Mechanism
 

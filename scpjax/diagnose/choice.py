@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.result import Ranked
-from scpjax.diagnose.trials import State
 
 Progress = Callable[[str, float], None]
 

@@ -15,7 +15,9 @@ import numpy as np
 
 from scpjax.diagnose.evidence import Comparison, Evidence, compare
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.trials import State, at_noise, fit_leading, grown, integrable, laws_of
+from scpjax.diagnose.hypothesis import State, grown, laws_of
+from scpjax.diagnose.remainder import at_noise
+from scpjax.diagnose.trials import fit_leading, integrable
 from scpjax.fit.identifiability import uncertainty
 from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.setup import Setup, carry

@@ -19,7 +19,8 @@ from scpjax.abreast import abreast
 from scpjax.compiled import quickly_compiled
 from scpjax.diagnose.evidence import Comparison, Evidence, are_alike, compare
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.trials import State, fit_leading, grown, integrable, laws_of
+from scpjax.diagnose.hypothesis import State, grown, laws_of
+from scpjax.diagnose.trials import fit_leading, integrable
 from scpjax.fit.data import Data
 from scpjax.fit.problem import CEILING, Space, Trial, by_recording, initial_state, unpack
 from scpjax.fit.setup import Setup, carry

@@ -9,33 +9,25 @@ from dataclasses import dataclass, field, replace
 
 from scpjax.abreast import meanwhile
 from scpjax.diagnose.answer import answer
+from scpjax.diagnose.beyond import Beyond, able
 from scpjax.diagnose.choice import Choice, Progress
 from scpjax.diagnose.evidence import Evidence, ahead, is_better
 from scpjax.diagnose.expression import in_words
 from scpjax.diagnose.free import nameless
+from scpjax.diagnose.given_up import beyond_names, form_rather_than_name, nothing_explains, outdone
 from scpjax.diagnose.holdout import Split, split
+from scpjax.diagnose.hypothesis import State, grown
 from scpjax.diagnose.latent import Misfit, missing
 from scpjax.diagnose.locate import observe
 from scpjax.diagnose.naming import Found, find_names, state_at
-from scpjax.diagnose.outside import (
-    AT_NOISE,
-    Beyond,
-    able,
-    beyond_names,
-    form_rather_than_name,
-    level,
-    nothing_explains,
-    outdone,
-    swings_within_bins,
-)
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.profiles import Limits
+from scpjax.diagnose.remainder import AT_NOISE, level, swings_within_bins
 from scpjax.diagnose.result import Diagnosis, Latent
 from scpjax.diagnose.rhythm import Rhythm, rhythms, ripple
 from scpjax.diagnose.rivals import Outcome, next_experiment
 from scpjax.diagnose.screen import ready
 from scpjax.diagnose.swing import Swing, swinging
-from scpjax.diagnose.trials import State, grown
 from scpjax.fit.fit import best_start, refine, settle
 from scpjax.fit.setup import Setup, prepare, what_there_is
 from scpjax.physics.catalogue import applicable, left_out

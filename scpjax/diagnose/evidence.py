@@ -9,7 +9,9 @@ import numpy as np
 from scipy.special import expit
 
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.trials import SAME, State, misfit, moving
+from scpjax.diagnose.hypothesis import State, moving
+from scpjax.diagnose.remainder import misfit
+from scpjax.diagnose.trials import SAME
 from scpjax.fit.colour import Whitener
 
 _FORM = 0.015  # of the misfit, which a law of another form may leave more than the best and be its equal

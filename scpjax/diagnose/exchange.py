@@ -10,14 +10,17 @@ import numpy as np
 
 from scpjax.abreast import abreast
 from scpjax.diagnose.choice import Choice
+from scpjax.diagnose.doubtful import strained
 from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, are_equal, is_better
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.hypothesis import State, moving
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.pruning import prune
+from scpjax.diagnose.remainder import FAR, at_noise
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.screen import Promise, fresh, screen
-from scpjax.diagnose.trials import FAR, State, afresh, at_noise, in_order, moving, strained, under_every_law, without
+from scpjax.diagnose.trials import afresh, in_order, under_every_law, without
 from scpjax.fit.setup import Setup
 
 _BY_PROMISE, _BY_RANK = 2, 1  # tried in the place of a name

@@ -17,10 +17,10 @@ import numpy as np
 from scipy.optimize import minimize
 
 from scpjax.diagnose.heat import allowed, doubt, played
+from scpjax.diagnose.hypothesis import State, residual_on
 from scpjax.diagnose.profiles import Frame, Limits, again, frame, standards
 from scpjax.diagnose.proposal import NextExperiment
 from scpjax.diagnose.separation import Scene, Separated, noise_weights, rival, separate, slope
-from scpjax.diagnose.trials import State, residual_on
 from scpjax.errors import FitError
 from scpjax.fit.data import Data, columns
 from scpjax.fit.fit import refine

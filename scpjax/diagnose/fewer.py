@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from scpjax.diagnose.evidence import Evidence, is_better
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.own import released
-from scpjax.diagnose.trials import FAR, State, at_noise, without
+from scpjax.diagnose.remainder import FAR, at_noise
+from scpjax.diagnose.trials import without
 
 _BESIDE = 4.0  # sum of squares without a name, in units of that with it, up to which another may make up for it
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.trials import State, residual_on
+from scpjax.diagnose.hypothesis import State, residual_on
 from scpjax.fit.colour import Whitener
 from scpjax.fit.data import Data
 from scpjax.fit.fit import refine

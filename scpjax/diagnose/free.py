@@ -14,8 +14,8 @@ from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.curve import Curve, curves, finer, forms_named
 from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, ahead, are_equal, chance_against, is_better
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.outside import AT_NOISE, level
-from scpjax.diagnose.trials import State
+from scpjax.diagnose.hypothesis import State
+from scpjax.diagnose.remainder import AT_NOISE, level
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from scpjax.compiled import quickly_compiled
+from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.separation import Rival
-from scpjax.diagnose.trials import State
 from scpjax.errors import FitError
 from scpjax.fit.data import Data
 from scpjax.fit.problem import Space, Trial, by_recording, initial_state, unpack

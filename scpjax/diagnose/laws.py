@@ -9,8 +9,10 @@ import numpy as np
 from scpjax.abreast import abreast
 from scpjax.diagnose.evidence import Evidence, excess, is_better
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.hypothesis import State, start_value, trial_at
 from scpjax.diagnose.patience import Patience
-from scpjax.diagnose.trials import State, afresh, at_noise, at_rest, misfit, start_value, trial_at
+from scpjax.diagnose.remainder import at_noise, misfit
+from scpjax.diagnose.trials import afresh, at_rest
 from scpjax.fit.setup import laws_that_can_act
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism

@@ -15,12 +15,13 @@ from scpjax.diagnose.fewer import fewer
 from scpjax.diagnose.final import resolved
 from scpjax.diagnose.free import Free, free_law, one_for_several
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.outside import AT_NOISE, level
+from scpjax.diagnose.hypothesis import State, residual_on
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.pruning import prune
+from scpjax.diagnose.remainder import AT_NOISE, level, misfit
 from scpjax.diagnose.select import choose
 from scpjax.diagnose.together import choose_together
-from scpjax.diagnose.trials import State, afresh, at_rest, misfit, residual_on, under_each_law, under_every_law
+from scpjax.diagnose.trials import afresh, at_rest, under_each_law, under_every_law
 from scpjax.fit.data import Data
 from scpjax.fit.fit import outliers, refine, settle
 from scpjax.fit.gaps import find_gaps

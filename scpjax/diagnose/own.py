@@ -16,9 +16,10 @@ import numpy as np
 
 from scpjax.diagnose.evidence import Comparison, Evidence, compare
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.hypothesis import State, grown, moved, trial_at
 from scpjax.diagnose.latent import Misfit, hats
 from scpjax.diagnose.locate import Binned
-from scpjax.diagnose.trials import State, at_rest, grown, moved, trial_at
+from scpjax.diagnose.trials import at_rest
 from scpjax.fit.problem import Trial
 from scpjax.fit.setup import Setup, names_of, restructured, what_there_is
 from scpjax.fit.solve import evaluate, stack

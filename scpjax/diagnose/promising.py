@@ -10,23 +10,11 @@ import numpy as np
 
 from scpjax.abreast import abreast, meanwhile
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.hypothesis import Start, State, from_their_starts, grown, moved, starts_with, trial_at
 from scpjax.diagnose.patience import Patience
+from scpjax.diagnose.remainder import FAR, at_noise
 from scpjax.diagnose.screen import Fresh, Promise
-from scpjax.diagnose.trials import (
-    FAR,
-    FEW,
-    NEARLY,
-    TOLERANCE,
-    Start,
-    State,
-    at_noise,
-    from_their_starts,
-    go_on,
-    grown,
-    moved,
-    starts_with,
-    trial_at,
-)
+from scpjax.diagnose.trials import FEW, NEARLY, TOLERANCE, go_on
 from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.setup import Setup
 from scpjax.fit.solve import binned_of, evaluate, make_room, solve_all, stack

@@ -5,7 +5,8 @@ from __future__ import annotations
 from scpjax.abreast import abreast
 from scpjax.diagnose.evidence import Evidence, compare, worthwhile
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.trials import State, without
+from scpjax.diagnose.hypothesis import State
+from scpjax.diagnose.trials import without
 
 
 def prune(state: State, split: Split, rules: Evidence, base: State | None = None) -> State:

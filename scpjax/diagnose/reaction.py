@@ -10,8 +10,9 @@ import numpy as np
 from scpjax.diagnose.evidence import Comparison, Evidence, compare
 from scpjax.diagnose.expression import WHAT, of_base
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.hypothesis import State, grown, residual_on, starts_with
 from scpjax.diagnose.result import Closure, Drawn
-from scpjax.diagnose.trials import State, fit_leading, grown, residual_on, starts_with
+from scpjax.diagnose.trials import fit_leading
 from scpjax.fit.identifiability import Uncertainty
 from scpjax.fit.result import Estimate
 from scpjax.fit.solve import make_room

@@ -9,10 +9,11 @@ import numpy as np
 
 from scpjax.diagnose.experiment import propose
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.hypothesis import State, grown, residual_on, starts_with, trial_at
 from scpjax.diagnose.profiles import Limits
 from scpjax.diagnose.proposal import NextExperiment
 from scpjax.diagnose.result import Ranked
-from scpjax.diagnose.trials import State, fit_leading, grown, residual_on, starts_with, trial_at, without
+from scpjax.diagnose.trials import fit_leading, without
 from scpjax.physics.catalogue import mechanism
 
 _CLOSE = 20.0  # difference of BIC (10 nats) up to which two hypotheses are close

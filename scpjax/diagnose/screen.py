@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 
 from scpjax.abreast import abreast
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.trials import Start, State, alike, grown, starts_with, trial_at
+from scpjax.diagnose.hypothesis import Start, State, alike, grown, starts_with, trial_at
 from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.setup import Setup
 from scpjax.fit.solve import evaluate, residuals_at, stack

@@ -10,10 +10,12 @@ from scpjax.abreast import meanwhile
 from scpjax.diagnose.choice import Choice, Progress
 from scpjax.diagnose.evidence import Evidence, chance_against, is_better, worthwhile
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.own import ROOM
 from scpjax.diagnose.patience import Patience
+from scpjax.diagnose.remainder import FAR, at_noise
 from scpjax.diagnose.screen import ready_beside_names
-from scpjax.diagnose.trials import FAR, State, at_noise, in_order
+from scpjax.diagnose.trials import in_order
 from scpjax.diagnose.ways import WAYS, Branch, Search, Tried, named, one_more, try_round, with_own_room, with_own_values
 from scpjax.fit.setup import Setup
 

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from scpjax.compiled import quickly_compiled
-from scpjax.diagnose.trials import State
+from scpjax.diagnose.hypothesis import State
 from scpjax.fit.data import Data
 from scpjax.fit.identifiability import correlation_time
 from scpjax.fit.problem import Space, Trial, initial_state

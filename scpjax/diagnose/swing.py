@@ -15,9 +15,10 @@ import numpy as np
 from scpjax.diagnose.evidence import Comparison, Evidence, compare
 from scpjax.diagnose.expression import WHAT, scale_of
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.hypothesis import State, grown, laws_of
 from scpjax.diagnose.result import Closure, Drawn
 from scpjax.diagnose.rhythm import Rhythm
-from scpjax.diagnose.trials import State, at_rest, grown, laws_of
+from scpjax.diagnose.trials import at_rest
 from scpjax.fit.identifiability import Uncertainty
 from scpjax.fit.problem import Trial
 from scpjax.fit.result import Estimate

@@ -15,19 +15,10 @@ import numpy as np
 from scpjax.diagnose.choice import Choice, Progress
 from scpjax.diagnose.evidence import Comparison, Evidence, compare, equals, probabilities
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.hypothesis import State, grown, laws_of, moving, moving_parameters, starts_with, width
+from scpjax.diagnose.remainder import at_noise
 from scpjax.diagnose.result import Ranked
-from scpjax.diagnose.trials import (
-    State,
-    at_noise,
-    at_rest,
-    fit_leading,
-    grown,
-    laws_of,
-    moving,
-    moving_parameters,
-    starts_with,
-    width,
-)
+from scpjax.diagnose.trials import at_rest, fit_leading
 from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.setup import Setup, carry
 from scpjax.fit.solve import binned_of, make_room

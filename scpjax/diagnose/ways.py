@@ -10,12 +10,14 @@ import numpy as np
 from scpjax.diagnose.candidates import try_all
 from scpjax.diagnose.evidence import Comparison, Evidence, equals, probabilities, worthwhile
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.laws import other_laws
 from scpjax.diagnose.own import ROOM, own_room, released
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.pruning import prune
+from scpjax.diagnose.remainder import at_noise
 from scpjax.diagnose.result import Ranked
-from scpjax.diagnose.trials import State, afresh, at_noise
+from scpjax.diagnose.trials import afresh
 from scpjax.fit.setup import Setup
 
 _CLOSE = 20.0  # difference of BIC (10 nats) up to which two mechanisms are close

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from scpjax.diagnose.holdout import Split, split
+from scpjax.diagnose.hypothesis import State, moving_parameters, residual_on
 from scpjax.diagnose.rivals import by_law
-from scpjax.diagnose.trials import State, moving_parameters, residual_on
 from scpjax.fit.data import pack
 from scpjax.fit.fit import best_start, refine
 from scpjax.fit.setup import prepare, restructured

@@ -8,9 +8,9 @@ import scipy.integrate
 from diagnose.creeping import AMBIENT, BASE
 
 from scpjax.diagnose.holdout import Split, split
+from scpjax.diagnose.hypothesis import State, residual_on
 from scpjax.diagnose.latent import Misfit, missing
 from scpjax.diagnose.locate import observe
-from scpjax.diagnose.trials import State, residual_on
 from scpjax.fit.fit import best_start, refine
 from scpjax.fit.setup import prepare
 from scpjax.recordings import excitation

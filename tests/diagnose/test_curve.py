@@ -10,13 +10,15 @@ import scipy.integrate
 from diagnose.creeping import AMBIENT
 from diagnose.heated import LOSS, lacking_in, recorded, rubbed, rubbed_by_air
 
-from scpjax.diagnose import outside, trials
+from scpjax.diagnose import beyond, hypothesis
 from scpjax.diagnose.answer import answer
 from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.curve import CURVES, Curve, bend
 from scpjax.diagnose.distil import distilled
 from scpjax.diagnose.evidence import Evidence
-from scpjax.diagnose.outside import level
+from scpjax.diagnose.hypothesis import State, residual_on, trial_at
+from scpjax.diagnose.remainder import level
+from scpjax.diagnose.trials import integrable
 from scpjax.fit.setup import carry
 from scpjax.physics import presets
 from scpjax.physics.catalogue import mechanism
@@ -183,9 +185,9 @@ def test_terms_are_sought_where_no_curve_comes_down_to_the_noise(monkeypatch, fa
     scaled = type(base)(base.setup, base.trial, base.residual / level(base, parts) * far, base.cost)
     curve = Curve(scaled, "learned_heat_curve", 0, None)  # type: ignore[arg-type]
     better = type(base)(base.setup, base.trial, scaled.residual * 0.5, base.cost)
-    monkeypatch.setattr(outside, "bend", lambda *_: curve)
-    monkeypatch.setattr(outside, "learn", lambda *_: type("L", (), {"state": better, "terms": ("a",)})())
-    found = outside.closure(base, parts, Evidence())
+    monkeypatch.setattr(beyond, "bend", lambda *_: curve)
+    monkeypatch.setattr(beyond, "learn", lambda *_: type("L", (), {"state": better, "terms": ("a",)})())
+    found = beyond.closure(base, parts, Evidence())
     assert (found is curve) == (wanted == "curve")
 
 
@@ -219,7 +221,7 @@ def test_a_curve_that_only_the_steps_of_the_integrator_hold_up_is_none(steep, st
     base, parts = rubbed()
     m = mechanism("learned_force_curve")
     law = next(i for i in range(len(m.laws)) if form_of(m.forms, i)[0].variable == "velocity")  # type: ignore[attr-defined]
-    problem = trials.grown(base.setup, m)
+    problem = hypothesis.grown(base.setup, m)
     null = np.asarray(problem.starts[0])[: len(problem.structure.slots)]
     value = carry(base.setup.structure, problem.structure, base.values, null)
     index, fixed = problem.structure.index, problem.fixed.copy()
@@ -233,6 +235,6 @@ def test_a_curve_that_only_the_steps_of_the_integrator_hold_up_is_none(steep, st
         fixed[index[f"{m.name}.{name}"]] = number
     laws = np.append(np.asarray(base.trial.laws), law)
     problem = replace(problem, fixed=fixed)
-    trial = trials.trial_at(problem, value, laws)
-    state = trials.State(problem, trial, trials.residual_on(trial, parts.whole, problem), 0.0)
-    assert trials.integrable(state, parts) == stands
+    trial = trial_at(problem, value, laws)
+    state = State(problem, trial, residual_on(trial, parts.whole, problem), 0.0)
+    assert integrable(state, parts) == stands

@@ -10,10 +10,11 @@ from scpjax.diagnose import exchange
 from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.exchange import accepted_beside, exchanged, in_its_place
+from scpjax.diagnose.hypothesis import starts_with, trial_at
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import added
-from scpjax.diagnose.trials import at_rest, starts_with, trial_at, under_every_law
+from scpjax.diagnose.trials import at_rest, under_every_law
 
 RANKING = (
     Ranked("a", 100.0, 0.5, 0.9, "", 1),

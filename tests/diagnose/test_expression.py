@@ -8,7 +8,7 @@ import pytest
 
 from scpjax.diagnose.closure import Learned, offers, references
 from scpjax.diagnose.expression import describe, stands_for
-from scpjax.diagnose.trials import grown
+from scpjax.diagnose.hypothesis import grown
 from scpjax.fit.result import Estimate
 from scpjax.fit.setup import Setup, prepare
 from scpjax.physics.catalogue import mechanism

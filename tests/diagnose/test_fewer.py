@@ -9,9 +9,9 @@ from diagnose.test_own import DRIVES, warmer
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.fewer import fewer
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.outside import AT_NOISE, level
+from scpjax.diagnose.hypothesis import State
+from scpjax.diagnose.remainder import AT_NOISE, level
 from scpjax.diagnose.rivals import added
-from scpjax.diagnose.trials import State
 
 
 def settling(size: float):

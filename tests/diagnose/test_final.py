@@ -8,7 +8,8 @@ from scipy.integrate import solve_ivp
 from scpjax.diagnose import final
 from scpjax.diagnose.diagnose import _base
 from scpjax.diagnose.final import fitted_to_all, resolved
-from scpjax.diagnose.trials import at_rest, from_their_starts, grown, trial_at
+from scpjax.diagnose.hypothesis import from_their_starts, grown, trial_at
+from scpjax.diagnose.trials import at_rest
 from scpjax.fit.data import Data
 from scpjax.fit.fit import final_model
 from scpjax.fit.predict import predict

@@ -15,10 +15,10 @@ from scpjax.diagnose.distil import given
 from scpjax.diagnose.evidence import Evidence, at_its_least, compare
 from scpjax.diagnose.expression import in_words
 from scpjax.diagnose.free import free_law, nameless, one_for_several
-from scpjax.diagnose.outside import level
+from scpjax.diagnose.hypothesis import State
+from scpjax.diagnose.remainder import level
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import Outcome, added, rivals
-from scpjax.diagnose.trials import State
 from scpjax.physics.catalogue import catalogue, mechanism
 from scpjax.physics.mechanisms.learned_force_curve import LearnedForceCurve
 from scpjax.physics.mechanisms.learned_heat_curve import LearnedHeatCurve

@@ -8,23 +8,19 @@ import numpy as np
 import pytest
 from diagnose.heated import LOSS, base_of, lacking_in, nothing, recorded, rubbed
 
-from scpjax.diagnose import outside
+from scpjax.diagnose import beyond, doubtful, given_up
 from scpjax.diagnose.answer import TRUSTED, _nearest, answer
+from scpjax.diagnose.beyond import able
 from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.closure import Learned
+from scpjax.diagnose.doubtful import strained
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.expression import _instead
+from scpjax.diagnose.given_up import beyond_names, form_rather_than_name
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.outside import (
-    AT_NOISE,
-    able,
-    beyond_names,
-    form_at_most,
-    form_rather_than_name,
-    level,
-)
+from scpjax.diagnose.hypothesis import State
+from scpjax.diagnose.remainder import AT_NOISE, form_at_most, level
 from scpjax.diagnose.rivals import added
-from scpjax.diagnose.trials import State, strained
 from scpjax.fit import identifiability
 
 
@@ -79,7 +75,7 @@ def test_names_that_leave_much_are_given_up_and_told_of_as_nearest(monkeypatch, 
     base = with_excess(base, 1.0 + (far**2 - 1.0) / leaves)
     named = with_excess(named, far**2)
     closed = None if alone is None else SimpleNamespace(state=with_excess(base, 1.0 + alone * (far**2 - 1.0) / leaves))
-    monkeypatch.setattr(outside, "closure", lambda state, *_: closed if state is base else None)
+    monkeypatch.setattr(given_up, "closure", lambda state, *_: closed if state is base else None)
     choice, learned = beyond_names(parts, base, Choice(named, (), {"ambient_drift": 1.0}, {}), Evidence(), ["sensor"])
     assert (choice.state is named) == stays
     if stays:
@@ -98,7 +94,7 @@ def test_names_that_leave_much_of_what_they_were_fitted_to_are_given_up_too(monk
     square = np.where(parts.is_held, 1.0 + 900.0 * held, np.where(parts.is_train, 1.0 + 900.0 * fitted, 0.0))
     named = replace(named, residual=np.sqrt(square))
     base = replace(base, residual=np.full_like(base.residual, np.sqrt(901.0)))
-    monkeypatch.setattr(outside, "closure", lambda *_: None)
+    monkeypatch.setattr(given_up, "closure", lambda *_: None)
     choice, _ = beyond_names(parts, base, Choice(named, (), {"ambient_drift": 1.0}, {}), Evidence(), ["sensor"])
     assert (choice.state is named) == stays
     assert choice.given_up == (((), 0.0) if stays else (("ambient_drift",), pytest.approx(0.47)))
@@ -114,8 +110,8 @@ def test_names_that_leave_little_are_corrected_in_their_balance_near_the_noise(m
     base = replace(base, residual=base.residual * 20.0 * far)
     assert form_at_most(base, named, parts)
     asked = []
-    monkeypatch.setattr(outside, "_acting_at_once", lambda *_: ())
-    monkeypatch.setattr(outside, "form", lambda state, _parts, _rules, where: asked.append((state, list(where))))
+    monkeypatch.setattr(given_up, "acting_at_once", lambda *_: ())
+    monkeypatch.setattr(beyond, "form", lambda state, _parts, _rules, where: asked.append((state, list(where))))
     choice, learned = beyond_names(parts, base, Choice(named, (), {}, {}), Evidence(), ["sensor"])
     assert choice.state is named
     assert learned is None
@@ -126,18 +122,18 @@ def test_a_name_of_which_nothing_stays_beside_the_closure_is_taken_out(monkeypat
     base, parts = rubbed()
     named = added(added(base, "ambient_drift", parts), "sensor_lag", parts)
     learned = SimpleNamespace(state=named)
-    monkeypatch.setattr(outside, "_acting_at_once", lambda *_: ())
-    monkeypatch.setattr(outside, "closure", lambda *_: learned)
-    monkeypatch.setattr(outside, "_CLEARLY", np.inf)
-    monkeypatch.setattr(outside, "_FAR_BETTER", 0.0)
-    monkeypatch.setattr(outside, "at_its_least", lambda state, name: name == "sensor_lag" and name in state.names)
+    monkeypatch.setattr(given_up, "acting_at_once", lambda *_: ())
+    monkeypatch.setattr(given_up, "closure", lambda *_: learned)
+    monkeypatch.setattr(given_up, "_CLEARLY", np.inf)
+    monkeypatch.setattr(given_up, "_FAR_BETTER", 0.0)
+    monkeypatch.setattr(doubtful, "at_its_least", lambda state, name: name == "sensor_lag" and name in state.names)
     asked = []
 
     def taken_out(state: State, name: str, _parts: Split) -> State:
         asked.append((state.names, name))
         return added(base, "ambient_drift", parts)
 
-    monkeypatch.setattr(outside, "without", taken_out)
+    monkeypatch.setattr(given_up, "without", taken_out)
     chosen = Choice(named, (), {"ambient_drift": 0.9, "sensor_lag": 0.8}, {"sensor_lag": ("creep",)})
     choice, found = beyond_names(parts, base, chosen, Evidence(), ["thermoelectric"])
     assert asked[-1] == (("ambient_drift", "sensor_lag"), "sensor_lag")
@@ -157,12 +153,12 @@ def test_a_name_that_the_data_do_not_tell_from_none_beside_the_closure_is_taken_
     values[setup.structure.index["ambient_drift.drift"]] = drift
     trial = setup.trial(values, np.asarray(named.trial.active), np.asarray(named.trial.laws), len(named.trial.index))
     learned = SimpleNamespace(state=replace(named, trial=trial))
-    monkeypatch.setattr(outside, "_acting_at_once", lambda *_: ())
-    monkeypatch.setattr(outside, "form" if corrects else "closure", lambda *_: learned)
-    monkeypatch.setattr(outside, "_CLEARLY", np.inf)
-    monkeypatch.setattr(outside, "_FAR_BETTER", 0.0)
-    monkeypatch.setattr(outside, "form_at_most", lambda *_: corrects)
-    monkeypatch.setattr(outside, "_NEAR_NOISE", np.inf)
+    monkeypatch.setattr(given_up, "acting_at_once", lambda *_: ())
+    monkeypatch.setattr(*((beyond, "form") if corrects else (given_up, "closure")), lambda *_: learned)
+    monkeypatch.setattr(given_up, "_CLEARLY", np.inf)
+    monkeypatch.setattr(given_up, "_FAR_BETTER", 0.0)
+    monkeypatch.setattr(given_up, "form_at_most", lambda *_: corrects)
+    monkeypatch.setattr(given_up, "_NEAR_NOISE", np.inf)
     choice, found = beyond_names(
         parts, base, Choice(named, (), {"ambient_drift": 0.9}, {}), Evidence(), ["thermoelectric"]
     )
@@ -176,14 +172,14 @@ def test_a_small_last_name_gives_way_to_a_correction_that_does_better(monkeypatc
         return SimpleNamespace(names=names, left=left)
 
     both, one, corrected = state(("a", "b"), 200.0), state(("a",), 250.0), state(("a",), after)
-    monkeypatch.setattr(outside, "_unexplained", lambda s, there: s.left)
-    monkeypatch.setattr(outside, "without", lambda s, name, split: one if name == "b" else None)
-    monkeypatch.setattr(outside, "form_at_most", lambda base, s, parts: True)
-    monkeypatch.setattr(outside, "level", lambda s, parts: 2.0)
-    monkeypatch.setattr(outside, "_correction", lambda s, parts, rules: SimpleNamespace(state=corrected))
+    monkeypatch.setattr(given_up, "unexplained", lambda s, there: s.left)
+    monkeypatch.setattr(given_up, "without", lambda s, name, split: one if name == "b" else None)
+    monkeypatch.setattr(given_up, "form_at_most", lambda base, s, parts: True)
+    monkeypatch.setattr(given_up, "level", lambda s, parts: 2.0)
+    monkeypatch.setattr(given_up, "correction", lambda s, parts, rules: SimpleNamespace(state=corrected))
     parts = SimpleNamespace(is_held=None)
     choice = Choice(both, (), {"a": 0.9, "b": 0.8}, {"a": (), "b": ("c",)})  # type: ignore[arg-type]
-    found, learned = outside._corrected_rather_than_named(parts, one, choice, Evidence())  # type: ignore[arg-type]
+    found, learned = given_up._corrected_rather_than_named(parts, one, choice, Evidence())  # type: ignore[arg-type]
     assert found.state.names == kept
     assert set(found.probability) == set(found.equivalents) == set(kept)
     assert (learned is not None) == (kept == ("a",))
@@ -214,26 +210,26 @@ def test_a_delay_of_no_time_is_no_name_where_a_force_follows_the_drive(monkeypat
     base, parts = base_of(recorded(nothing, attraction=0.005))
     named = added(base, "two_node_thermal", parts)
     assert 2.0 * level(named, parts) < level(base, parts)
-    found = outside._in_place_of(base, named, parts, Evidence())
+    found = beyond.in_place_of(base, named, parts, Evidence())
     assert isinstance(found, Learned)
     assert found.terms == ("learned_force.u",)
     (instead,) = _instead(found)
     assert instead == "displacement reads too much by = s(u)", "a sensor that feels the drive does as well"
-    monkeypatch.setattr(outside, "_in_place_of", lambda *_, **__: found)
+    monkeypatch.setattr(given_up, "in_place_of", lambda *_, **__: found)
     for told in (form_rather_than_name, partial(beyond_names, where=())):  # at the noise, and away from it
         choice, learned = told(parts, base, Choice(named, (), {"two_node_thermal": 1.0}, {}), Evidence())
         assert choice.state is base
         assert choice.outdone
         assert learned is found
     slow, its = base_of(recorded(lambda _t, temperature, _x: 0.6 * LOSS * temperature * abs(temperature) / 30.0))
-    assert outside._acting_at_once(added(slow, "nonlinear_heat_loss", its), its) == ()
-    monkeypatch.setattr(outside, "_acting_at_once", lambda *_: ())
+    assert doubtful.acting_at_once(added(slow, "nonlinear_heat_loss", its), its) == ()
+    monkeypatch.setattr(given_up, "acting_at_once", lambda *_: ())
     for stretched, bic, outdone in (((), 30.0, False), (named.names, 20.0, False), (named.names, 30.0, True)):
-        monkeypatch.setattr(outside, "strained", lambda state, names=stretched: names)
-        monkeypatch.setattr(outside, "ahead", lambda *_, bic=bic: bic)
-        assert (outside._instead_of_doubtful(base, named, parts, Evidence()) is found) == outdone
+        monkeypatch.setattr(given_up, "strained", lambda state, names=stretched: names)
+        monkeypatch.setattr(given_up, "ahead", lambda *_, bic=bic: bic)
+        assert (given_up._instead_of_doubtful(base, named, parts, Evidence()) is found) == outdone
     two = SimpleNamespace(names=("two_node_thermal", "creep"))  # of which one may make up for the other's law
-    assert outside._instead_of_doubtful(base, two, parts, Evidence()) is None  # type: ignore[arg-type]
+    assert given_up._instead_of_doubtful(base, two, parts, Evidence()) is None  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -245,11 +241,11 @@ def test_a_time_within_a_bin_that_is_not_told_from_none_is_none(monkeypatch, wid
     named = added(base, "two_node_thermal", parts)
     (slot,) = (s for s in named.setup.structure.slots if s.key == "two_node_thermal.time_constant")
     time = named.values[slot.index]
-    monkeypatch.setattr(outside, "at_limit", lambda trial, space: np.zeros(len(trial.active), bool))
-    monkeypatch.setattr(outside, "_bin_width", lambda _: width * time)
-    monkeypatch.setattr(outside, "uncertainty", lambda *_: None)
-    monkeypatch.setattr(outside, "estimates", lambda *_: {slot.key: SimpleNamespace(value=time, std=std * time)})
-    assert outside._acting_at_once(named, parts) == (("two_node_thermal",) if at_once else ())
+    monkeypatch.setattr(doubtful, "at_limit", lambda trial, space: np.zeros(len(trial.active), bool))
+    monkeypatch.setattr(doubtful, "_bin_width", lambda _: width * time)
+    monkeypatch.setattr(doubtful, "uncertainty", lambda *_: None)
+    monkeypatch.setattr(doubtful, "estimates", lambda *_: {slot.key: SimpleNamespace(value=time, std=std * time)})
+    assert doubtful.acting_at_once(named, parts) == (("two_node_thermal",) if at_once else ())
 
 
 @pytest.mark.parametrize(
@@ -268,18 +264,18 @@ def test_a_closure_with_more_evidence_need_only_predict_as_well(monkeypatch, mor
     state = lambda left: SimpleNamespace(residual=np.full((1, 1, 1), np.sqrt(left)))  # noqa: E731
     learned = SimpleNamespace(state=state(100.0 + more))
     for name, value in (("bend", None), ("learn", learned), ("reacting", None), ("level", 1.0), ("ahead", ahead)):
-        monkeypatch.setattr(outside, name, lambda *_, value=value: value)
-    monkeypatch.setattr(outside, "_is_none_of", lambda *_: True)
+        monkeypatch.setattr(beyond, name, lambda *_, value=value: value)
+    monkeypatch.setattr(beyond, "_is_none_of", lambda *_: True)
     parts = SimpleNamespace(is_held=held)
-    told = outside._in_place_of(None, state(100.0), parts, Evidence(), as_well=as_well)  # type: ignore[arg-type]
+    told = beyond.in_place_of(None, state(100.0), parts, Evidence(), as_well=as_well)  # type: ignore[arg-type]
     assert (told is learned) == found
 
 
 def test_away_from_the_noise_it_is_given_up_and_the_note_says_why(monkeypatch):
     base, parts = rubbed()
     named = added(base, "nonlinear_heat_loss", parts)
-    monkeypatch.setattr(outside, "AT_NOISE", 0.5)
-    monkeypatch.setattr(outside, "closure", lambda *_: None)
+    monkeypatch.setattr(given_up, "AT_NOISE", 0.5)
+    monkeypatch.setattr(given_up, "closure", lambda *_: None)
     choice, learned = beyond_names(parts, base, Choice(named, (), {"nonlinear_heat_loss": 1.0}, {}), Evidence(), [])
     assert choice.state.names == ()
     assert learned is None

@@ -5,7 +5,8 @@ import pytest
 from creeping import slow
 
 from scpjax.diagnose.holdout import Split, split
-from scpjax.diagnose.trials import State, grown, in_order, residual_on, trial_at
+from scpjax.diagnose.hypothesis import State, grown, residual_on, trial_at
+from scpjax.diagnose.trials import in_order
 from scpjax.fit.setup import prepare
 from scpjax.physics.catalogue import mechanism
 

@@ -12,21 +12,17 @@ from diagnose.creeping import AMBIENT, BASE
 from diagnose.heated import DRIVE, LOSS, TIME, base_of, lacking_in, nothing, recorded, rubbed, rubbed_by_air
 
 from scpjax.diagnose import diagnose as room
-from scpjax.diagnose import outside
+from scpjax.diagnose import remainder
 from scpjax.diagnose.answer import TRUSTED, _subsystem
+from scpjax.diagnose.beyond import able
 from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.closure import learn, offers
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.naming import Found
-from scpjax.diagnose.outside import (
-    able,
-    level,
-    swings_within_bins,
-    takes_most,
-)
+from scpjax.diagnose.remainder import level, swings_within_bins, takes_most
 from scpjax.diagnose.result import Latent
-from scpjax.diagnose.trials import State
 from scpjax.physics.terms import Term
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -100,7 +96,7 @@ def test_what_rings_within_the_bins_is_no_closure(monkeypatch, rings, found):
         "before": outputs + 0.2,
         "learned": outputs + 0.1 + 0.1 * rings * np.resize([1.0, -1.0], outputs.shape),
     }
-    monkeypatch.setattr(outside, "outputs_of", lambda trial, _data, _space: predicted[trial])
+    monkeypatch.setattr(remainder, "outputs_of", lambda trial, _data, _space: predicted[trial])
     state = lambda trial: cast(State, SimpleNamespace(trial=trial, setup=SimpleNamespace(space=None)))  # noqa: E731
     parts = cast(Split, SimpleNamespace(whole=data))
     assert swings_within_bins(state("learned"), state("before"), parts) is found

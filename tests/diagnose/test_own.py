@@ -10,10 +10,10 @@ from diagnose.heated import LOSS, base_of, nothing, recorded, rubbed_by_air
 from scpjax.diagnose.diagnose import diagnose
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.outside import AT_NOISE, level
+from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.own import own_room, released
+from scpjax.diagnose.remainder import AT_NOISE, level
 from scpjax.diagnose.rivals import added
-from scpjax.diagnose.trials import State
 from scpjax.fit.fit import final_model
 from scpjax.recordings import excitation
 from scpjax.report.diagnosis import write_diagnosis

@@ -5,12 +5,13 @@ import pytest
 import scipy.integrate
 from diagnose.heated import LOSS, base_of, lacking_in, recorded
 
-from scpjax.diagnose import outside
+from scpjax.diagnose import remainder
 from scpjax.diagnose.answer import _nearest, answer
 from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.evidence import Evidence
-from scpjax.diagnose.outside import AT_NOISE, beyond_names, form_rather_than_name, level
+from scpjax.diagnose.given_up import beyond_names, form_rather_than_name
 from scpjax.diagnose.reaction import Reaction
+from scpjax.diagnose.remainder import AT_NOISE, level
 from scpjax.diagnose.rivals import added
 from scpjax.recordings import excitation
 from scpjax.recordings.recording import Metadata, Recording
@@ -111,8 +112,8 @@ def test_it_stands_in_place_of_one_name_that_does_not_reach_the_noise(drying, mo
     base, parts = drying
     one = forced(base, parts, "two_node_thermal")
     assert level(one.state, parts) > AT_NOISE
-    monkeypatch.setattr(outside, "_LITTLE_LEFT", little)
-    assert outside.form_at_most(base, one.state, parts) == (little == 0.1)
+    monkeypatch.setattr(remainder, "_LITTLE_LEFT", little)
+    assert remainder.form_at_most(base, one.state, parts) == (little == 0.1)
     choice, learned = beyond_names(parts, base, one, Evidence(), ["thermoelectric"])
     assert isinstance(learned, Reaction)
     assert level(learned.state, parts) < AT_NOISE

@@ -12,14 +12,15 @@ from scpjax.diagnose import diagnose as room
 from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.diagnose import diagnose
 from scpjax.diagnose.evidence import Evidence
+from scpjax.diagnose.given_up import outdone
 from scpjax.diagnose.holdout import Split, split
+from scpjax.diagnose.hypothesis import State, residual_on
 from scpjax.diagnose.latent import Misfit, missing
 from scpjax.diagnose.locate import observe
 from scpjax.diagnose.naming import Found
-from scpjax.diagnose.outside import level, outdone
+from scpjax.diagnose.remainder import level
 from scpjax.diagnose.rhythm import Rhythm, rhythms, ripple
 from scpjax.diagnose.swing import swinging
-from scpjax.diagnose.trials import State, residual_on
 from scpjax.fit.fit import best_start, refine
 from scpjax.fit.identifiability import estimates, uncertainty
 from scpjax.fit.setup import prepare

@@ -6,9 +6,9 @@ from diagnose.creeping import AMBIENT, BASE
 
 from scpjax.diagnose import screen as screening
 from scpjax.diagnose.holdout import Split, split
+from scpjax.diagnose.hypothesis import State, from_their_starts, grown, residual_on
 from scpjax.diagnose.rivals import added
 from scpjax.diagnose.screen import fresh, ready, ready_beside_names, screen
-from scpjax.diagnose.trials import State, from_their_starts, grown, residual_on
 from scpjax.fit import solve
 from scpjax.fit.fit import best_start, refine
 from scpjax.fit.setup import Setup, prepare

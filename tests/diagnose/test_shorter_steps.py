@@ -10,8 +10,8 @@ from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.diagnose import _base
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.naming import Found, _by_shorter_steps, _Seeker
-from scpjax.diagnose.outside import AT_NOISE, level
 from scpjax.diagnose.patience import Patience
+from scpjax.diagnose.remainder import AT_NOISE, level
 from scpjax.diagnose.rivals import added
 from scpjax.diagnose.trials import under_every_law
 from scpjax.fit.setup import prepare

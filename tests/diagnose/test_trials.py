@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from creeping import slow
 
-from scpjax.diagnose.trials import at_noise, grown, moving_parameters, trial_at, width
+from scpjax.diagnose.hypothesis import grown, moving_parameters, trial_at, width
+from scpjax.diagnose.remainder import at_noise
 from scpjax.fit.setup import prepare
 from scpjax.physics.catalogue import mechanism
 

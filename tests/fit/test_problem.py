@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scpjax.diagnose.trials import grown, trial_at
+from scpjax.diagnose.hypothesis import grown, trial_at
 from scpjax.fit.problem import residuals, residuals_of, sensitivities, soften
 from scpjax.fit.setup import prepare
 from scpjax.physics.catalogue import mechanism

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from scpjax.diagnose.holdout import split
+from scpjax.diagnose.hypothesis import State, residual_on
+from scpjax.diagnose.remainder import misfit
 from scpjax.diagnose.rivals import added
-from scpjax.diagnose.trials import State, misfit, residual_on
 from scpjax.fit.fit import best_start
 from scpjax.fit.predict import first_state, predict
 from scpjax.fit.setup import prepare

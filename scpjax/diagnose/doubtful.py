@@ -1,0 +1,69 @@
+"""Which names are in doubt, by where their parameters came to rest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scpjax.diagnose.evidence import at_its_least
+from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.hypothesis import State
+from scpjax.fit.identifiability import at_limit, estimates, held_back, uncertainty
+
+_TOLD = 1.96  # standard errors: a time that is less is not told from none
+
+
+def strained(state: State) -> tuple[str, ...]:
+    """Names of which a parameter, other than a time, stands at the end of its bounds, as it does where the law of
+    another name is wrong. Times end there where recordings are too short.
+    """
+    ends = at_limit(state.trial, state.setup.space) & np.asarray(state.trial.active)
+    found = {s.mechanism for s in state.setup.structure.slots if ends[s.index] and not s.parameter.time}
+    return tuple(n for n in state.names if n in found)
+
+
+def asking_for_more(state: State, parts: Split) -> tuple[str, ...]:
+    """Names of which a parameter with strict bounds stands at their end though the recordings determine it: something
+    else is imitated.
+    """
+    slots, space = {s.key: s for s in state.setup.structure.slots}, state.setup.space
+    if not any(s.parameter.strict and s.mechanism in state.names for s in slots.values()):
+        return ()
+    beyond = held_back(state.trial, space, uncertainty(state.trial, parts.train, space))
+    found = {slots[key].mechanism for key in beyond if key in slots and slots[key].parameter.strict}
+    return tuple(n for n in state.names if n in found)
+
+
+def acting_at_once(state: State, parts: Split) -> tuple[str, ...]:
+    """Names of which a time stands at the lower end of its bounds, or is less than a bin and not told from none: what
+    they delay is delayed by nothing that was recorded, and a force that follows the drive itself may be imitated.
+    """
+    setup, moves = state.setup, np.asarray(state.trial.active)
+    times = [s for s in setup.structure.slots if s.parameter.time and moves[s.index]]
+    quickest = at_limit(state.trial, setup.space) & (np.asarray(state.trial.free[:-1]) < 0.0)
+    short = [s for s in times if s.mechanism in state.names and state.values[s.index] < _bin_width(parts)]
+    if short:
+        told = estimates(state.trial, setup.space, uncertainty(state.trial, parts.train, setup.space))
+        for s in short:
+            quickest[s.index] |= not told[s.key].value > _TOLD * told[s.key].std
+    found = {s.mechanism for s in times if quickest[s.index]}
+    return tuple(n for n in state.names if n in found)
+
+
+def _bin_width(parts: Split) -> float:
+    """Seconds, of the recording in which a bin is longest."""
+    return float(np.max(np.asarray(parts.whole.grids.step))) * parts.whole.bin
+
+
+def nothing_stays(state: State, name: str, parts: Split, *, at_least_only: bool) -> bool:
+    """Whether a name has come to nothing beside a closure: fitted to the least that counts as a strength, or to what
+    the data do not tell from none (all its 95 % intervals hold zero).
+    """
+    if at_its_least(state, name) or at_least_only:
+        return at_its_least(state, name)
+    m, setup = state.setup.structure.mechanism(name), state.setup
+    strengths = [p for p in m.free_parameters(m.laws.index(state.laws[name])) if p.null == 0.0]
+    if not strengths or any(p.bounds[0] > 0.0 for p in strengths):  # on a logarithmic scale none is infinitely far
+        return False
+    found = estimates(state.trial, setup.space, uncertainty(state.trial, parts.train, setup.space))
+    keys = [s.key for s in setup.structure.slots if s.mechanism == name and s.parameter in strengths]
+    return all(found[key].low <= 0.0 <= found[key].high for key in keys)
