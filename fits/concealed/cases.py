@@ -84,8 +84,11 @@ def plan() -> list[Case]:
     """Every case, in order."""
     first = [*_singles(), *_several(2), *_several(3), *_nulls(), *_outside(), *_foreign()]
     second = [*_several(2, draw=1), *_several(3, draw=1), *_nulls(draw=1)]
-    third = [*_singles(draw=2), *_several(2, draw=2), *_several(3, draw=2), *_nulls(draw=2)]
-    return [*first, *second, *third, *_outside(draw=2), *_foreign(draw=2)]
+    third, fourth = (
+        [*_singles(draw=d), *_several(2, draw=d), *_several(3, draw=d), *_nulls(draw=d), *_outside(draw=d)]
+        for d in (2, 3)
+    )
+    return [*first, *second, *third, *_foreign(draw=2), *fourth, *_foreign(draw=3)]
 
 
 class _Decks:

@@ -64,7 +64,7 @@ def selection(parser: argparse.ArgumentParser) -> None:
         type=int,
         nargs="+",
         default=[],
-        help="1 to 5; 6 to 10: more pairs, triples, nulls; 11 to 15: more of all",
+        help="1 to 5; 6 to 10: more pairs, triples, nulls; 11 to 20: more of all",
     )
     parser.add_argument("--cases", metavar="N", type=int, help="so many of them, spread evenly")
     parser.add_argument("--subset", action="store_true", help="the balanced selection of about forty")

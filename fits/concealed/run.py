@@ -17,6 +17,7 @@ import sys
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -118,12 +119,13 @@ class Run:
 
     def scores(self) -> tuple[list[Score], dict[str, dict[str, float]]]:
         """Scores of the cases that have been diagnosed, and kept-file error over noise by baseline and case."""
-        found, others = [], {m: {} for m in self.methods if m != "scpjax"}
+        found, others, known = [], {m: {} for m in self.methods if m != "scpjax"}, seen()
         for case in self.cases:
             sealed, truth = self.sealed[case.name], self.truth(case.name)
             answer = self.store.read(case.name, "scpjax", sealed)
             if answer is not None:
-                found.append(score(truth, answer))
+                first = case.name not in known
+                found.append(replace(score(truth, answer), commit=answer["commit"], first=first))
             for method, errors in others.items():
                 answer = self.store.read(case.name, method, sealed)
                 if answer is not None:
@@ -163,7 +165,7 @@ class Run:
         }
         write_whole(self.out / "results.json", content)
         for folder in filter(None, (self.out, docs)):
-            write_page(folder, found, others, commit=self.commits(), of=len(plan()), asked=self.options(), seen=seen())
+            write_page(folder, found, others, commit=self.commits(), of=len(plan()), asked=self.options())
         if docs is not None:
             write_whole(docs / "concealed" / "results.json", content)
         return found

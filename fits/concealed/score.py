@@ -53,6 +53,8 @@ class Score:
     believed: list[tuple[float, bool]] = field(default_factory=list)  # (probability, right) of each name given
     ranked: list[tuple[float, bool]] = field(default_factory=list)  # the same of every name tried
     error: str = ""
+    commit: str = ""  # of the package, that gave the answer
+    first: bool = False  # the engine had not been run on it when it was asked
 
     def plain(self) -> dict[str, Any]:
         """For JSON: what is no number is null, what is infinite a word."""

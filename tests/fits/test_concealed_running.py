@@ -55,6 +55,10 @@ def test_it_goes_on_where_it_was_stopped(case, monkeypatch):
     scores, others = again.scores()
     assert [s.outcome for s in scores] == ["right"]
     assert others == {"narx": {}}
+    for seen, is_first in ((frozenset(), True), (frozenset({chosen.name}), False)):
+        monkeypatch.setattr(program, "seen", lambda names=seen: names)
+        (told,) = again.scores()[0]
+        assert (told.commit, told.first) == (first.commit, is_first)
     assert not list((out / "answers").glob("*.part"))
 
 

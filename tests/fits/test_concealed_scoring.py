@@ -103,10 +103,12 @@ def test_calibration_of_known_beliefs():
 def test_the_page_shows_every_case(tmp_path):
     scores = [
         score(truth("creep"), said("creep")),
-        score(truth("slack", name="b"), said("friction")),
+        replace(score(truth("slack", name="b"), said("friction")), commit="abc"),
         score(truth(sort="null", name="c", tier="none"), said()),
         score(truth("coil", sort="outside", catalogue=False, name="d"), said(verdict="unexplained")),
     ]
+    scores[0] = replace(scores[0], commit="abc", first=True)
+    scores[2] = replace(scores[2], commit="older", first=True)
     effects, words, counts = confusion(scores)
     assert (effects, counts.sum()) == (["slack", "creep", "nothing", "coil"], 4)  # in the order of the catalogue
     assert counts[effects.index("slack"), words.index("friction")] == 1
@@ -114,7 +116,7 @@ def test_the_page_shows_every_case(tmp_path):
     assert counts[effects.index("nothing"), words.index("nothing")] == 1
     assert counts[effects.index("coil"), words.index("something unnamed")] == 1
     others, asked = {"narx": {"a": 1.5, "b": math.inf}}, ["--unseen --cases 60", "--sort outside"]
-    page = write_page(tmp_path, scores, others, commit="abc", of=515, asked=asked, seen={"b"})
+    page = write_page(tmp_path, scores, others, commit="older, abc", of=515, asked=asked)
     text = page.read_text()
     assert "run.py --unseen --cases 60` and `python fits/concealed/run.py --sort outside`: 4 of" in text
     for name in ("confusion", "kept", "calibration"):
@@ -122,7 +124,7 @@ def test_the_page_shows_every_case(tmp_path):
         assert (tmp_path / "concealed" / f"{name}.svg").stat().st_size > 1000
     assert "| `b` | single-slack | 5.0 | misnamed | friction |" in text
     assert "1 of 2, 50% (9% to 91%) | 1 of 1 |" in text
-    assert "1 of the cases had been run" in text
+    assert "1 of the cases were asked for the first time by the engine as it stands (abc)" in text
     assert "| explained | 1 | 2 |" in text
     assert "diverged" in text
     methods, common = by_method(scores, others | {"pysindy": {"b": 2.0}})
@@ -132,10 +134,10 @@ def test_the_page_shows_every_case(tmp_path):
     methods, common = by_method(judged, others | {"pysindy": {"b": 2.0, "a": math.nan}})
     assert common == {"b"}
     assert methods["pysindy"] == {"b": 2.0}
-    text = write_page(tmp_path, judged, others, commit="abc", of=515, asked=asked, seen={"b"}).read_text()
+    text = write_page(tmp_path, judged, others, commit="older, abc", of=515, asked=asked).read_text()
     assert "| single | scpjax | 2 |" in text
     assert "| null | base model | 1 |" in text
     assert "null, given to all" not in text
-    text = write_page(tmp_path, judged, {"narx": {"a": 1.5}}, commit="abc", of=515, asked=asked, seen={"b"}).read_text()
+    text = write_page(tmp_path, judged, {"narx": {"a": 1.5}}, commit="older, abc", of=515, asked=asked).read_text()
     assert "| single, given to all | scpjax | 1 |" in text
     assert "| single, given to all | narx | 1 | 1.50 |" in text
