@@ -11,7 +11,7 @@ from scpjax.diagnose.hypothesis import State, residual_on
 from scpjax.fit.colour import Whitener
 from scpjax.fit.data import Data
 from scpjax.fit.fit import refine
-from scpjax.fit.problem import Trial
+from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.solve import outputs_of
 
 _RESOLVED = 0.1  # of the noise of a sample, by which predictions may change where steps are halved
@@ -20,12 +20,17 @@ _UNRESOLVED = (
     "the samples are far apart for what moves here: with {parts} steps a sample the last fit's predictions still "
     "changed by {off:.2g} times the noise when steps were halved, so its parameters may be off; record at a higher rate"
 )
+_UNSTABLE = (
+    "what was found solves no equations: by steps shorter than a sample its predictions blow up, and it fits by the "
+    "errors of longer ones; record at a higher rate"
+)
 _FARTHER = 1.5  # ratio of misfits, from which a fit to coloured residuals is off
 
 
 def resolved(state: State, parts: Split) -> tuple[Split, State, tuple[str, ...]]:
     """The data, and the hypothesis fitted to their training part, by steps that are short enough; both as they are
-    where theirs are. And a note where no steps tried were.
+    where theirs are, or where it fits by the errors of long steps alone and blows up by shorter ones. And a note of
+    that, or where no steps tried were short enough.
 
     Where what acts on the force has states of its own, such as hysteresis, a step as long as a sample may err by more
     than the noise, and parameters fitted with it make up for that only under drives like those given.
@@ -45,9 +50,12 @@ def resolved(state: State, parts: Split) -> tuple[Split, State, tuple[str, ...]]
     if factor == 1:
         return parts, state, ()
     notes = () if off < _RESOLVED else (_UNRESOLVED.format(parts=factor, off=off),)
-    parts = replace(parts, train=parts.train.finer(factor), whole=parts.whole.finer(factor))
-    trial, _, cost = refine(state.setup, parts.train, state.trial)
-    return parts, State(state.setup, trial, residual_on(trial, parts.whole, state.setup), cost), notes
+    finer = replace(parts, train=parts.train.finer(factor), whole=parts.whole.finer(factor))
+    trial, _, cost = refine(state.setup, finer.train, state.trial)
+    residual = residual_on(trial, finer.whole, state.setup)
+    if np.any(np.abs(residual) >= CEILING):
+        return parts, state, (_UNSTABLE,)
+    return finer, State(state.setup, trial, residual, cost), notes
 
 
 def fitted_to_all(parts: Split, state: State) -> tuple[Trial, Data]:

@@ -13,6 +13,7 @@ from scpjax.diagnose.trials import at_rest
 from scpjax.fit.data import Data
 from scpjax.fit.fit import final_model
 from scpjax.fit.predict import predict
+from scpjax.fit.problem import CEILING
 from scpjax.fit.setup import prepare
 from scpjax.fit.solve import outputs_of
 from scpjax.physics.catalogue import mechanism
@@ -124,3 +125,13 @@ def test_where_no_steps_are_short_enough_it_says_so(monkeypatch):
     fine, _, notes = resolved(state, parts)
     assert fine.whole.bin == 2 * parts.whole.bin
     assert "2 steps a sample" in notes[0]
+
+
+def test_what_blows_up_by_shorter_steps_is_told_as_it_was_found(monkeypatch):
+    """A fit that holds by the errors of long steps alone has no uncertainty by short ones: nothing there is finite."""
+    parts, state = fitted()
+    monkeypatch.setattr(final, "residual_on", lambda *_: np.full_like(state.residual, CEILING))
+    same, found, notes = resolved(state, parts)
+    assert same is parts
+    assert found is state
+    assert "blow up" in notes[0]

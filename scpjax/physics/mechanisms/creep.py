@@ -8,6 +8,7 @@ from jaxtyping import Array
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
+MOST_CREPT = 5.0  # of the immediate displacement; of much more only a dashpot is left beside a spring: damping
 _MOST = 10.0  # nepers, by which warmth or what has crept changes the retardation time
 DECADE = 10.0  # between the branches of law logarithmic; their sum follows a logarithm to 4 % of a decade's creep
 STEP, STEPS = 5.0, 4  # between the branches of law power, of which there are so many
@@ -58,9 +59,10 @@ class Creep(Mechanism):
             unit="1",
             description="slow displacement as a share of the immediate one",
             typical=0.2,
-            bounds=(0.003, 30.0),
+            bounds=(0.003, MOST_CREPT),
             null=0.0,
             spread=1.5,
+            strict=True,
         ),
         Parameter(
             name="time_constant",
@@ -80,9 +82,10 @@ class Creep(Mechanism):
             unit="1",
             description="displacement of the slower branch as a share of the immediate one (law two branches)",
             typical=0.2,
-            bounds=(0.003, 30.0),
+            bounds=(0.003, MOST_CREPT),
             null=0.0,
             spread=1.5,
+            strict=True,
         ),
         Parameter(
             name="slow_ratio",
