@@ -106,8 +106,9 @@ def try_round(search: Search, way: Branch, round_: int, tell: Callable[[str, int
 
 def one_more(search: Search, found: Tried, ways: int = WAYS) -> list[Branch]:
     """A branch with one mechanism more: the best one, and where that does not reach the noise one that predicts the
-    held-out stretches better still, or is close. One that is pruned as soon as it is fitted afresh is none, but the
-    others stay where it led them, if that is closer. Out of patience only the best one is followed.
+    held-out stretches better still, or is close. One that is pruned as soon as it is fitted afresh is none, nor a rival
+    of what is named in its place, but the others stay where it led them, if that is closer. Out of patience only the
+    best one is followed.
     """
     out: list[Branch] = []
     closest = found.way.state
@@ -121,6 +122,7 @@ def one_more(search: Search, found: Tried, ways: int = WAYS) -> list[Branch]:
         way = named(search, found, c)
         if set(way.state.names) == set(found.way.state.names):
             closest = min(closest, way.state, key=lambda s: s.cost)
+            found = replace(found, tried=tuple(o for o in found.tried if o is not c))
             continue
         first = first or c
         out.append(way)
