@@ -1,0 +1,54 @@
+"""A grease that thins as it warms: of much creep beside a stiff spring only a dashpot is left, which is no creep."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from scpjax.diagnose.diagnose import _base
+from scpjax.diagnose.remainder import AT_NOISE, level
+from scpjax.diagnose.rivals import by_law
+from scpjax.diagnose.trials import afresh
+from scpjax.fit.setup import prepare
+from scpjax.physics.mechanisms.creep import MOST_CREPT
+from scpjax.recordings import Metadata, Recording
+
+NOISE_MM, NOISE_K, PERIOD = 0.01, 0.05, 0.1
+R, LAM, C_TH, C, K, M = 1.2, 0.15, 1.0, 0.03, 150.0, 0.3
+
+
+def recording(seed: int, *, cold: float, thins: float, creeps: float = 0.0) -> Recording:
+    """Steps; the damping is cold exp(-T/thins) N s/m, or 8 and the spring gives way by ``creeps`` times, 6 s late."""
+    rng = np.random.default_rng(seed)
+    volts = np.repeat(rng.choice([0.0, 1.5, 2.5, 3.3], size=40), 20)
+    volts[:20] = 0.0
+
+    def rates(_t, s, power):
+        warm, x, v, late = s
+        damping = 8.0 if creeps else cold * np.exp(-warm / thins)
+        force = C * warm - K * (x - late) - damping * v
+        return [(power - LAM * warm) / C_TH, v, force / M, (creeps * (x - late) - late) / 6.0]
+
+    states, z = [], np.zeros(4)
+    for v in volts:
+        states.append(z)
+        z = solve_ivp(rates, (0, PERIOD), z, "LSODA", args=(v**2 / R,), rtol=1e-8, atol=1e-11).y[:, -1]
+    warm, x = np.array(states)[:, :2].T
+    columns = {
+        "temperature_degC": 22.0 + warm + NOISE_K * rng.standard_normal(len(x)),
+        "displacement_mm": 1e3 * x + NOISE_MM * rng.standard_normal(len(x)),
+    }
+    meta = Metadata(name=f"steps_{seed}", known=(("resistance_ohm", R), ("moving_mass_kg", M)), ambient_K=295.15)
+    return Recording.from_arrays(PERIOD * np.arange(len(x)), {"voltage_V": volts}, columns, metadata=meta)
+
+
+@pytest.mark.parametrize(("effect", "is_creep"), [({"thins": 20.0, "cold": 1200.0}, False), ({"creeps": 1.5}, True)])
+def test_creep_beyond_what_a_polymer_does_is_something_else(effect, is_creep):
+    """Law thermal would explain the grease with ten times the immediate displacement or more."""
+    given = [recording(seed, **{"cold": 8.0, "thins": np.inf} | effect) for seed in (1, 2)]
+    parts, base, _ = _base(prepare(given))
+    assert level(base, parts) > 5.0
+    found = by_law(base, "creep", parts, close=np.inf).values()
+    best = min((afresh(s, parts) for s in found if s.laws["creep"] in ("one branch", "thermal")), key=lambda s: s.cost)
+    compliance = best.values[best.setup.structure.where["creep.compliance"]][0]
+    assert compliance == pytest.approx(1.5, rel=0.1) if is_creep else 0.75 * MOST_CREPT < compliance < MOST_CREPT
+    assert (level(best, parts) < AT_NOISE) == is_creep
