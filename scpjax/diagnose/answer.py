@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import starmap
 from typing import Any
 
 import numpy as np
@@ -224,15 +225,16 @@ def _nearest(choice: Choice) -> tuple[str, ...]:
     if choice.outdone:
         why = "what was learned in their place explains the same, and better"
     elif choice.overstretched:
-        why = f"the recordings ask for more than physics allows: {', '.join(map(_beyond, choice.overstretched))}"
+        asked = ", ".join(starmap(_beyond, choice.overstretched.items()))
+        why = f"the recordings ask for more than physics allows: {asked}"
     return (f"nearest in the catalogue: {' with '.join(names)}; not named, for {why}", *rang)
 
 
-def _beyond(name: str) -> str:
-    """What the recordings ask for of a mechanism that asked for more than its law allows."""
-    strict = [p for p in mechanism(name).parameters if p.strict]
+def _beyond(name: str, parameters: Sequence[str]) -> str:
+    """What the recordings ask for of a mechanism of which some parameters ask for more than its law allows."""
+    asked = [p for p in mechanism(name).parameters if p.name in parameters]
     return " or ".join(
-        f"{p.name.replace('_', ' ')} of {name} outside {p.bounds[0]:g} to {p.bounds[1]:g}" for p in strict
+        f"{p.name.replace('_', ' ')} of {name} outside {p.bounds[0]:g} to {p.bounds[1]:g}" for p in asked
     )
 
 

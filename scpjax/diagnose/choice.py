@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.result import Ranked
@@ -15,12 +15,11 @@ Progress = Callable[[str, float], None]
 class Choice:
     """How it ended: the hypothesis chosen, all that was tried, and what could stand in for what.
 
-    ``given_up``: names that came nearest and are none, and the share of the misfit that they left;
-    ``overstretched``: those of them that asked for more than their laws allow; ``outdone``: something learned explains
-    what they do, and better.
-    ``free``: the name of a mechanism that a learned curve is, which the hypothesis does not hold. ``settled``: every
-    name was set against what could stand in its place. ``rang``: what was learned beyond it, or in its place, was left
-    out, as it rings within the bins.
+    ``given_up``: names that came nearest and are none, and the share of the misfit that they left; ``overstretched``:
+    those of them that asked for more than their laws allow, and of which parameters; ``outdone``: something learned
+    explains what they do, and better. ``free``: the name of a mechanism that a learned curve is, which the hypothesis
+    does not hold. ``settled``: every name was set against what could stand in its place. ``rang``: what was learned
+    beyond it, or in its place, was left out, as it rings within the bins.
     """
 
     state: State
@@ -28,7 +27,7 @@ class Choice:
     probability: dict[str, float]
     equivalents: dict[str, tuple[str, ...]]
     given_up: tuple[tuple[str, ...], float] = ((), 0.0)
-    overstretched: tuple[str, ...] = ()
+    overstretched: dict[str, tuple[str, ...]] = field(default_factory=dict)
     outdone: bool = False
     free: str = ""
     settled: bool = False

@@ -21,16 +21,17 @@ def strained(state: State) -> tuple[str, ...]:
     return tuple(n for n in state.names if n in found)
 
 
-def asking_for_more(state: State, parts: Split) -> tuple[str, ...]:
-    """Names of which a parameter with strict bounds stands at their end though the recordings determine it: something
-    else is imitated.
+def asking_for_more(state: State, parts: Split) -> dict[str, tuple[str, ...]]:
+    """Names of which parameters with strict bounds stand at their end though the recordings determine them, and which
+    these are: something else is imitated.
     """
     slots, space = {s.key: s for s in state.setup.structure.slots}, state.setup.space
     if not any(s.parameter.strict and s.mechanism in state.names for s in slots.values()):
-        return ()
+        return {}
     beyond = held_back(state.trial, space, uncertainty(state.trial, parts.train, space))
-    found = {slots[key].mechanism for key in beyond if key in slots and slots[key].parameter.strict}
-    return tuple(n for n in state.names if n in found)
+    found = [slots[key] for key in beyond if key in slots and slots[key].parameter.strict]
+    by_name = {n: tuple(dict.fromkeys(s.parameter.name for s in found if s.mechanism == n)) for n in state.names}
+    return {n: asked for n, asked in by_name.items() if asked}
 
 
 def acting_at_once(state: State, parts: Split) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from scpjax.diagnose.remainder import AT_NOISE, form_at_most, level, share_left,
 from scpjax.diagnose.trials import without
 
 _NEAR_NOISE = 4.0  # ratio of residual to noise, up to which what is left may be the form of a law
+_SOMEWHAT = 0.1  # of the held-out misfit, that may stay without a last name where a correction explains all of it
 _MUCH = 0.2  # of the misfit: what names may leave that is still no matter of a law's form
 _CLEARLY = 2.5  # ratio of residual to noise, above which names that leave much are false
 _NO_SCALE = 100.0  # ratio of the base model's residual to noise, above which the noise is no scale for a law's error
@@ -49,7 +50,7 @@ def beyond_names(
         return outdone(choice, choice.state, base, parts), alone
     ends = asking_for_more(choice.state, parts)
     if ends:
-        fewer, learned = _without_them(parts, base, _fewer(choice, ends, base, parts), rules, where)
+        fewer, learned = _without_them(parts, base, _fewer(choice, [*ends], base, parts), rules, where)
         return _told_of(fewer, choice, ends, base, parts), learned
     return _without_them(parts, base, choice, rules, where)
 
@@ -78,9 +79,9 @@ def _fewer(choice: Choice, gone: Sequence[str], base: State, parts: Split) -> Ch
     return choice.with_only(state) if state.names else Choice(base, choice.ranking, {}, {})
 
 
-def _told_of(choice: Choice, before: Choice, ends: tuple[str, ...], base: State, parts: Split) -> Choice:
+def _told_of(choice: Choice, before: Choice, ends: dict[str, tuple[str, ...]], base: State, parts: Split) -> Choice:
     """The choice with what is told of names that asked for more than their laws allow."""
-    names = before.state.names if not choice.state.names else ends
+    names = before.state.names if not choice.state.names else tuple(ends)
     left = share_left(base, before.state, parts.is_held)
     return replace(choice, given_up=(names, left), overstretched=ends)
 
@@ -157,15 +158,20 @@ def _instead_of_doubtful(base: State, state: State, parts: Split, rules: Evidenc
 def _corrected_rather_than_named(
     parts: Split, base: State, choice: Choice, rules: Evidence
 ) -> tuple[Choice, Beyond | None]:
-    """The names but the last, and a correction of their laws; no correction where the last name does better."""
+    """The names but the last, and a correction of their laws; no correction where the last name does better. Where the
+    names do not reach the noise and it does, they may have left somewhat more without the last.
+    """
     state = choice.state
     if len(state.names) < 2:
         return choice, None
-    fewer = without(state, state.names[-1], parts)
-    if not form_at_most(base, fewer, parts) or level(fewer, parts) > _NEAR_NOISE:
+    fewer, held = without(state, state.names[-1], parts), parts.is_held
+    little = form_at_most(base, fewer, parts)
+    somewhat = level(state, parts) > AT_NOISE and share_left(base, fewer, held) <= _SOMEWHAT
+    if not (little or somewhat) or level(fewer, parts) > _NEAR_NOISE:
         return choice, None
     corrected = correction(fewer, parts, rules)
-    held = parts.is_held
     if corrected is None or unexplained(corrected.state, held) >= unexplained(state, held):
+        return choice, None
+    if not little and level(corrected.state, parts) > AT_NOISE:
         return choice, None
     return choice.with_only(fewer), corrected
