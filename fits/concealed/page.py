@@ -36,10 +36,9 @@ def write_page(
     """``concealed.md`` and ``concealed/*.svg`` in a folder; ``commit``: of all answers, the last one counted apart."""
     pictures = folder / "concealed"
     pictures.mkdir(parents=True, exist_ok=True)
-    commands = " and ".join(f"`{f'python fits/concealed/run.py {options}'.strip()}`" for options in asked or [""])
     text = [
         "# Concealed physics: can it be named?\n",
-        f"Made by {commands}: {len(scores)} of the plan's {of} cases, commit {commit}.\n",
+        f"{len(scores)} of the plan's {of} cases (see [how it was made](#how-it-was-made)).\n",
         _WHAT,
         "## What was asked\n",
         *_goals(scores, commit.split(", ")[-1]),
@@ -58,12 +57,19 @@ def write_page(
         "## Minutes\n",
         *_minutes(scores),
         *_wrong(scores),
+        *_made(asked, commit),
     ]
     path = folder / "concealed.md"
     part = folder / "concealed.part"
     part.write_text("\n".join(text) + "\n", encoding="utf-8", newline="\n")
     os.replace(part, path)
     return path
+
+
+def _made(asked: Sequence[str], commit: str) -> list[str]:
+    """The commands and the commits."""
+    commands = [f"- `{f'python fits/concealed/run.py {options}'.strip()}`" for options in asked or [""]]
+    return ["## How it was made\n", *commands, f"\nCommits of the package: {commit}.\n"]
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
@@ -81,8 +87,8 @@ def _goals(scores: Sequence[Score], newest: str) -> list[str]:
         apart = f"{unseen.hits} of {unseen.of}" if unseen.of else ""
         rows.append((g.title, f"{sign} {g.asked:.0%}", share, apart, {True: "yes", False: "**no**", None: ""}[g.met]))
     say = (
-        f"{len(new)} of the cases were asked for the first time by the engine as it stands ({newest}), and are counted "
-        "apart; the others by earlier ones, and the engine was changed after them, some of them in view "
+        f"{len(new)} of the cases were asked for the first time by the newest engine that was run ({newest}), and are "
+        "counted apart; the others by earlier ones, and the engine was changed after them, some of them in view "
         "(`fits/concealed/seen.txt`).\n"
     )
     return [say, _table(("", "asked", "found (95 % interval)", "first asked by it", "met"), rows)]

@@ -118,13 +118,15 @@ def test_the_page_shows_every_case(tmp_path):
     others, asked = {"narx": {"a": 1.5, "b": math.inf}}, ["--unseen --cases 60", "--sort outside"]
     page = write_page(tmp_path, scores, others, commit="older, abc", of=515, asked=asked)
     text = page.read_text()
-    assert "run.py --unseen --cases 60` and `python fits/concealed/run.py --sort outside`: 4 of" in text
+    assert "4 of the plan's 515 cases" in text
+    assert "run.py --unseen --cases 60`\n- `python fits/concealed/run.py --sort outside`\n" in text
+    assert "older, abc" in text
     for name in ("confusion", "kept", "calibration"):
         assert f"concealed/{name}.svg" in text
         assert (tmp_path / "concealed" / f"{name}.svg").stat().st_size > 1000
     assert "| `b` | single-slack | 5.0 | misnamed | friction |" in text
     assert "1 of 2, 50% (9% to 91%) | 1 of 1 |" in text
-    assert "1 of the cases were asked for the first time by the engine as it stands (abc)" in text
+    assert "1 of the cases were asked for the first time by the newest engine that was run (abc)" in text
     assert "| explained | 1 | 2 |" in text
     assert "diverged" in text
     methods, common = by_method(scores, others | {"pysindy": {"b": 2.0}})
