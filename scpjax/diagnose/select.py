@@ -20,7 +20,7 @@ from scpjax.diagnose.ways import WAYS, Branch, Search, Tried, named, one_more, t
 from scpjax.fit.setup import Setup
 
 _SURE = 2  # rounds that are gone however long they take: without a second name a first one is often given up
-_OTHERS = 2  # that part from it in a round, gone where the best one ends away from the noise
+_OTHERS = 2  # gone where the best one ends away from the noise
 
 
 def choose(
@@ -40,8 +40,8 @@ def choose(
     is begun, nor another round on such a way.
 
     Where two mechanisms are close and neither reaches the noise, both ways are gone one round further. Where the way
-    ends away from the noise and ``mend`` does not bring it there, others that had evidence in one of its rounds are
-    gone from there too: one mechanism that imitates two can be ahead of both.
+    ends away from the noise and ``mend`` does not bring it there, others that had evidence in the first round are gone
+    too: one mechanism that imitates two can be ahead of both.
     """
     search = Search(base, split, rules, catalogue, max_steps, patience or Patience())
 
@@ -79,7 +79,7 @@ def choose(
         return choice
     choice = mend(choice) if choice.state.names else choice
     if not at_noise(choice.state, split, FAR):
-        other = _by_another_way(search, [r[0] for r in rounds], rooms, leaders, choice.state, tell)
+        other = _by_another_way(search, rounds[0][0], rooms, leaders, choice.state, tell)
         choice = choice if other is None else mend(_choice(other))
     strongest = next((c.added for c in rounds[0][0].accepted if c.added in choice.state.names), None)
     return choice if strongest is None else replace(choice, state=in_order(choice.state, strongest, split))
@@ -113,31 +113,28 @@ def _best(branches: Sequence[Branch], split: Split, rules: Evidence) -> Branch:
 
 def _by_another_way(
     search: Search,
-    rounds: Sequence[Tried],
+    first: Tried,
     rooms: Sequence[Branch],
     leaders: Sequence[Branch],
     best: State,
     tell: Callable[[str, int], None],
 ) -> Branch | None:
-    """The best of ways that part from the one gone, by one of ``rooms`` or by another name in one of its ``rounds``,
-    the later ones first, each gone on for as long as it leads what led at its length; None where none is better than
-    ``best``, where the search has come to. A room that differs by recording can take many forms: with it the noise has
-    to be reached.
+    """The best of ways that begin with another name of the first round, or with one of ``rooms``, each gone on for as
+    long as it leads what led at its length; None where none is better than ``best``, where the search has come to.
+    A room that differs by recording can take many forms: with it the noise has to be reached.
 
-    What speaks for the name by which such a way parts is all that the way has ahead of what led before.
+    What speaks for the name with which such a way begins is all that the way has ahead of what led before.
     """
     split, rules = search.split, search.rules
     leader: Branch | None = None
-    ways = [(ROOM, 1, lambda room=room: room) for room in rooms]
-    before_last = list(zip(rounds, leaders, strict=True))[: rules.most - 1]  # another last name was set against it
-    for length, (found, went) in reversed([*enumerate(before_last, 1)]):
-        others = [] if found.ends else [c for c in found.accepted if c.added not in went.state.names]
-        ways += [(c.added, length, lambda found=found, c=c: named(search, found, c)) for c in others[:_OTHERS]]
-    for name, length, begin in ways:
+    others = [c for c in first.accepted if c.added not in leaders[0].state.names][:_OTHERS]
+    ways = [(ROOM, lambda room=room: room) for room in rooms]
+    ways += [(c.added, lambda c=c: named(search, first, c)) for c in others]
+    for name, begin in ways:
         if search.patience.over():
             break
         way = begin()
-        for round_ in range(length + 1, rules.most + 1):
+        for round_ in range(2, rules.most + 1):
             if search.patience.over():
                 break
             (way,) = one_more(search, try_round(search, way, round_, tell), ways=1)

@@ -125,19 +125,6 @@ def test_another_way_that_only_adds_a_name_has_to_be_worth_it(monkeypatch, worth
     assert chosen() == names
 
 
-def test_another_way_may_part_from_it_after_the_first_name(monkeypatch):
-    """Beside ``a``, ``b`` imitates what ``c`` and ``d`` do together. From a third name no way parts: others were set
-    against it when each was exchanged.
-    """
-    left = {"a": 500.0, "ab": 300.0, "ac": 350.0, "acd": 1.0}
-    asked = played(monkeypatch, left)
-    assert chosen() == {"a", "c", "d"}
-    assert asked == [(), ("a",), ("a", "b"), ("a", "c")]
-    asked = played(monkeypatch, left | {"abd": 250.0, "acd": 100.0})
-    assert chosen() == {"a", "c", "d"}
-    assert ("a", "b", "d") not in asked
-
-
 def test_another_way_that_falls_behind_is_left(monkeypatch):
     asked = played(monkeypatch, {"a": 500.0, "b": 900.0, "ac": 300.0, "bc": 400.0, "bcd": 1.0})
     assert chosen() == {"a", "c"}
