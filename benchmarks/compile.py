@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from scpjax.compiled import forget, quick_options
-from scpjax.diagnose.trials import grown, trial_at
+from scpjax.diagnose.hypothesis import grown, trial_at
 from scpjax.fit import solve as room
 from scpjax.fit.setup import prepare
 from scpjax.physics.catalogue import mechanism

@@ -27,7 +27,7 @@ def measure(few: int) -> dict[str, tuple[float, float]]:
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    from scpjax.diagnose.trials import grown, trial_at
+    from scpjax.diagnose.hypothesis import grown, trial_at
     from scpjax.fit.setup import prepare
     from scpjax.fit.solve import evaluate, stack
     from scpjax.physics.catalogue import mechanism

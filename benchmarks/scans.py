@@ -28,7 +28,7 @@ def measure() -> dict[str, list[float]]:
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    from scpjax.diagnose.trials import grown, trial_at
+    from scpjax.diagnose.hypothesis import grown, trial_at
     from scpjax.fit.setup import prepare
     from scpjax.fit.solve import evaluate, residuals_at, stack
     from scpjax.physics.catalogue import mechanism

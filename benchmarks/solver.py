@@ -21,7 +21,7 @@ from jaxtyping import Array
 
 from scpjax.compiled import quick_options
 from scpjax.diagnose.holdout import split
-from scpjax.diagnose.trials import State, grown, residual_on, starts_with, trial_at
+from scpjax.diagnose.hypothesis import State, grown, residual_on, starts_with, trial_at
 from scpjax.fit import solve as room
 from scpjax.fit.data import Data
 from scpjax.fit.fit import best_start

@@ -1,6 +1,7 @@
 """Imports point one way, mechanisms are complete, and importing the package is light."""
 
 import ast
+import importlib
 import importlib.util
 import math
 import subprocess
@@ -61,6 +62,21 @@ def test_imports_point_one_way(path):
         assert parts[0] not in ("fits", "rig", "tests"), f"{path} imports {name}"
         if parts[0] == "scpjax" and len(parts) > 1 and parts[1] in RANK and parts[1] != here:
             assert RANK[parts[1]] < RANK[here], f"{here} imports {parts[1]}"
+
+
+@pytest.mark.parametrize("folder", ["benchmarks", "fits", "rig"])
+def test_what_programs_import_is_there(folder):
+    """Most of them no other test imports."""
+    where = {}
+    for path in (SOURCE.parent / folder).rglob("*.py"):
+        for name in imported(path):
+            if name.count(".") > 1 and name.startswith("scpjax."):
+                where[name] = path.name
+    assert where
+    for name, user in where.items():
+        module, _, thing = name.rpartition(".")
+        found = hasattr(importlib.import_module(module), thing) or importlib.util.find_spec(name)
+        assert found, f"{user} imports {name}"
 
 
 def test_an_import_that_points_back_would_be_seen(tmp_path):

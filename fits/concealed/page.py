@@ -88,8 +88,8 @@ def _goals(scores: Sequence[Score], newest: str) -> list[str]:
         rows.append((g.title, f"{sign} {g.asked:.0%}", share, apart, {True: "yes", False: "**no**", None: ""}[g.met]))
     say = (
         f"{len(new)} of the cases were asked for the first time by the newest engine that was run ({newest}), and are "
-        "counted apart; the others by earlier ones, and the engine was changed after them, some of them in view "
-        "(`fits/concealed/seen.txt`).\n"
+        "counted apart; the others had been run before, or by earlier ones. The engine was changed after most of them, "
+        "and may have been after the newest, with some in view: `fits/concealed/seen.txt` tells.\n"
     )
     return [say, _table(("", "asked", "found (95 % interval)", "first asked by it", "met"), rows)]
 

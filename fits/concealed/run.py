@@ -59,7 +59,7 @@ class Run:
         self.cases, self.out, self.way, self.methods, self.limit = list(cases), out, way, list(methods), limit
         self.store = Store(out)
         self.sealed = {c.name: verify(out / "cases", c.name) for c in self.cases}
-        self.commit, self.asked, self.earlier = _commit(), list(asked), earlier or {}
+        self.commit, self.asked, self.earlier, self.known = _commit(), list(asked), earlier or {}, seen()
 
     def truth(self, name: str) -> dict[str, Any]:
         """What was concealed."""
@@ -101,7 +101,9 @@ class Run:
             except queue.Empty:
                 return
             found = worker.ask(self._job(name, method))
-            self.store.write(name, method, sealed, {"commit": self.commit, "way": self.way, **found})
+            self.store.write(
+                name, method, sealed, {"commit": self.commit, "way": self.way, "first": name not in self.known, **found}
+            )
             bar.set_postfix_str(f"{name} {method}{' failed' if 'error' in found else ''}", refresh=False)
             bar.update()
 
@@ -119,13 +121,12 @@ class Run:
 
     def scores(self) -> tuple[list[Score], dict[str, dict[str, float]]]:
         """Scores of the cases that have been diagnosed, and kept-file error over noise by baseline and case."""
-        found, others, known = [], {m: {} for m in self.methods if m != "scpjax"}, seen()
+        found, others = [], {m: {} for m in self.methods if m != "scpjax"}
         for case in self.cases:
             sealed, truth = self.sealed[case.name], self.truth(case.name)
             answer = self.store.read(case.name, "scpjax", sealed)
             if answer is not None:
-                first = case.name not in known
-                found.append(replace(score(truth, answer), commit=answer["commit"], first=first))
+                found.append(replace(score(truth, answer), commit=answer["commit"], first=answer.get("first", False)))
             for method, errors in others.items():
                 answer = self.store.read(case.name, method, sealed)
                 if answer is not None:

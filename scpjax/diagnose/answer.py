@@ -233,7 +233,7 @@ def _nearest(choice: Choice) -> tuple[str, ...]:
 def _beyond(name: str, parameters: Sequence[str]) -> str:
     """What the recordings ask for of a mechanism of which some parameters ask for more than its law allows."""
     asked = [p for p in mechanism(name).parameters if p.name in parameters]
-    return " or ".join(
+    return " and ".join(
         f"{p.name.replace('_', ' ')} of {name} outside {p.bounds[0]:g} to {p.bounds[1]:g}" for p in asked
     )
 

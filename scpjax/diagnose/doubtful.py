@@ -23,13 +23,15 @@ def strained(state: State) -> tuple[str, ...]:
 
 def asking_for_more(state: State, parts: Split) -> dict[str, tuple[str, ...]]:
     """Names of which parameters with strict bounds stand at their end though the recordings determine them, and which
-    these are: something else is imitated.
+    these are: something else is imitated. A strength at the least that counts as one asks for less, not for more.
     """
     slots, space = {s.key: s for s in state.setup.structure.slots}, state.setup.space
     if not any(s.parameter.strict and s.mechanism in state.names for s in slots.values()):
         return {}
     beyond = held_back(state.trial, space, uncertainty(state.trial, parts.train, space))
     found = [slots[key] for key in beyond if key in slots and slots[key].parameter.strict]
+    least = np.asarray(state.trial.free) < 0.0
+    found = [s for s in found if not (s.parameter.null == 0.0 and least[s.index])]
     by_name = {n: tuple(dict.fromkeys(s.parameter.name for s in found if s.mechanism == n)) for n in state.names}
     return {n: asked for n, asked in by_name.items() if asked}
 

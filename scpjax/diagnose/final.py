@@ -21,8 +21,8 @@ _UNRESOLVED = (
     "changed by {off:.2g} times the noise when steps were halved, so its parameters may be off; record at a higher rate"
 )
 _UNSTABLE = (
-    "what was found solves no equations: by steps shorter than a sample its predictions blow up, and it fits by the "
-    "errors of longer ones; record at a higher rate"
+    "what was found fits by the errors of steps as long as a sample: by shorter ones its predictions blow up. It is "
+    "told as it was found; do not rely on its parameters, and record at a higher rate"
 )
 _FARTHER = 1.5  # ratio of misfits, from which a fit to coloured residuals is off
 

@@ -42,8 +42,9 @@ def beyond_names(
     where that is so small that no simple law comes near it more than half; or if they ask for more than their laws
     allow; or, where they leave little, if one acts at once, or a single one stands at an end, and a closure alone does
     better. A closure is learned beyond the names that stay; in their balances, as a correction of their laws, where
-    they leave little. A last name that came where little was left is false if such a correction does better in its
-    place, and so is one of which beside the closure nothing stays.
+    they leave little. A last name that came where little was left, or a little more if the names miss the noise and it
+    does not, is false if such a correction does better in its place, and so is one of which beside the closure nothing
+    stays.
     """
     alone = _instead_of_doubtful(base, choice.state, parts, rules) if form_at_most(base, choice.state, parts) else None
     if alone is not None:
@@ -158,8 +159,9 @@ def _instead_of_doubtful(base: State, state: State, parts: Split, rules: Evidenc
 def _corrected_rather_than_named(
     parts: Split, base: State, choice: Choice, rules: Evidence
 ) -> tuple[Choice, Beyond | None]:
-    """The names but the last, and a correction of their laws; no correction where the last name does better. Where the
-    names do not reach the noise and it does, they may have left somewhat more without the last.
+    """The names but the last, and a correction of their laws, where they leave little, at most 4 times the noise; no
+    correction where the last name does better. They may leave up to a tenth of the held-out misfit, in place of a
+    twentieth, where all names miss the noise and the correction reaches it.
     """
     state = choice.state
     if len(state.names) < 2:

@@ -10,7 +10,7 @@ from scpjax.diagnose.residual import whiteness
 from scpjax.fit.solve import outputs_of
 
 AT_NOISE = 1.15  # ratio of residual to noise, in some column, up to which nothing more is asked for
-FAR = 1.15**2
+FAR = AT_NOISE**2
 """Mean square, in units of the noise's, above which a hypothesis ends away from it."""
 _CHANCE = 2.5  # standard deviations of a mean of squares, which are no misfit
 _LAGS, _WHITE = 4, 0.01  # between neighbours, and how likely they are by chance, above which residuals are white
@@ -25,14 +25,14 @@ def misfit(state: State, split: Split) -> np.ndarray:
     return np.where(count, np.sum(state.residual**2, axis=(0, 1), where=there) / np.maximum(count, 1), 1.0)
 
 
-def at_noise(state: State, split: Split, level: float = 1.05) -> bool:
-    """Whether the mean square of the residuals is down to the noise in every column, to within ``level``; or, where
+def at_noise(state: State, split: Split, within: float = 1.05) -> bool:
+    """Whether the mean square of the residuals is down to the noise in every column, to ``within``; or, where
     they are as white as noise is, to within what chance makes of so many samples: 2.5 standard deviations of a mean of
     squares, sqrt(2/n) each.
     """
     square, there = misfit(state, split), split.is_train | split.is_held
     chance = np.minimum(1.0 + _CHANCE * np.sqrt(2.0 / np.maximum(there.sum(axis=(0, 1)), 1)), FAR)
-    above = np.flatnonzero(square >= level)
+    above = np.flatnonzero(square >= within)
     like_noise = lambda j: whiteness(state.residual[..., j], there[..., j], _LAGS) > _WHITE  # noqa: E731
     return all(square[j] < chance[j] and like_noise(j) for j in above)
 

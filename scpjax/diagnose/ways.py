@@ -122,7 +122,8 @@ def one_more(search: Search, found: Tried, ways: int = WAYS) -> list[Branch]:
         way = named(search, found, c)
         if set(way.state.names) == set(found.way.state.names):
             closest = min(closest, way.state, key=lambda s: s.cost)
-            found = replace(found, tried=tuple(o for o in found.tried if o is not c))
+            others = [o for o in found.accepted if o is not c]
+            found = replace(found, tried=tuple(o for o in found.tried if o is not c), accepted=others)
             continue
         first = first or c
         out.append(way)

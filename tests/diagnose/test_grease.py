@@ -1,14 +1,20 @@
 """A grease that thins as it warms: of much creep beside a stiff spring only a dashpot is left, which is no creep."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from scpjax.diagnose import doubtful
 from scpjax.diagnose.diagnose import _base
+from scpjax.diagnose.doubtful import asking_for_more
+from scpjax.diagnose.hypothesis import State, trial_at
 from scpjax.diagnose.remainder import AT_NOISE, level
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.trials import afresh
 from scpjax.fit.setup import prepare
+from scpjax.physics.catalogue import mechanism
 from scpjax.physics.mechanisms.creep import MOST_CREPT
 from scpjax.recordings import Metadata, Recording
 
@@ -42,7 +48,7 @@ def recording(seed: int, *, cold: float, thins: float, creeps: float = 0.0) -> R
 
 
 @pytest.mark.parametrize(("effect", "is_creep"), [({"thins": 20.0, "cold": 1200.0}, False), ({"creeps": 1.5}, True)])
-def test_creep_beyond_what_a_polymer_does_is_something_else(effect, is_creep):
+def test_creep_beyond_what_a_polymer_does_is_something_else(monkeypatch, effect, is_creep):
     """Law thermal would explain the grease with ten times the immediate displacement or more."""
     given = [recording(seed, **{"cold": 8.0, "thins": np.inf} | effect) for seed in (1, 2)]
     parts, base, _ = _base(prepare(given))
@@ -52,3 +58,17 @@ def test_creep_beyond_what_a_polymer_does_is_something_else(effect, is_creep):
     compliance = best.values[best.setup.structure.where["creep.compliance"]][0]
     assert compliance == pytest.approx(1.5, rel=0.1) if is_creep else 0.75 * MOST_CREPT < compliance < MOST_CREPT
     assert (level(best, parts) < AT_NOISE) == is_creep
+    assert asking_for_more(best, parts) == {}
+    monkeypatch.setattr(doubtful, "held_back", lambda *_: ("creep.compliance",))  # as where both ends are determined
+    assert asking_for_more(standing_at(best, MOST_CREPT), parts) == {"creep": ("compliance",)}
+    assert asking_for_more(standing_at(best, LEAST), parts) == {}
+
+
+LEAST = next(p.bounds[0] for p in mechanism("creep").parameters if p.name == "compliance")
+
+
+def standing_at(state: State, compliance: float) -> State:
+    """The hypothesis with another compliance of creep."""
+    value = state.values
+    value[state.setup.structure.where["creep.compliance"]] = compliance
+    return replace(state, trial=trial_at(state.setup, value, np.asarray(state.trial.laws)))

@@ -9,7 +9,7 @@ from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
 MOST_CREPT = 5.0  # of the immediate displacement; of much more only a dashpot is left beside a spring: damping
-_MOST = 10.0  # nepers, by which warmth or what has crept changes the retardation time
+_MOST_NEPERS = 10.0  # nepers, by which warmth or what has crept changes the retardation time
 DECADE = 10.0  # between the branches of law logarithmic; their sum follows a logarithm to 4 % of a decade's creep
 STEP, STEPS = 5.0, 4  # between the branches of law power, of which there are so many
 
@@ -189,7 +189,7 @@ class Creep(Mechanism):
         slower = jnp.where((p.law == 3) & (ahead * quick < 0), p.slow_ratio, 1.0)
         colder = jnp.where(p.law == 5, (0.5 * p.reference_temperature - view.temperature) / p.shift, 0.0)
         harder = jnp.where(p.law == 6, jnp.abs(quick) / (p.hardening * p.reference), 0.0)
-        time = first * p.time_constant * slower * jnp.exp(jnp.clip(colder + harder, -_MOST, _MOST))
+        time = first * p.time_constant * slower * jnp.exp(jnp.clip(colder + harder, -_MOST_NEPERS, _MOST_NEPERS))
         lacking = _within(quick)
         pushed = (1.0 - lacking**2) * p.compliance * view.velocity / (2.0 * p.activation * p.reference)
         activated = pushed - (1.0 + p.compliance) * quick / p.time_constant
