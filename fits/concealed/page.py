@@ -69,7 +69,10 @@ def write_page(
 def _made(asked: Sequence[str], commit: str) -> list[str]:
     """The commands and the commits."""
     commands = [f"- `{f'python fits/concealed/run.py {options}'.strip()}`" for options in asked or [""]]
-    return ["## How it was made\n", *commands, f"\nCommits of the package: {commit}.\n"]
+    stopped = (
+        "Of a run that was stopped, what it had answered by then counts (`fits/concealed/seen.txt` tells of some)."
+    )
+    return ["## How it was made\n", *commands, f"\n{stopped} Commits of the package: {commit}.\n"]
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

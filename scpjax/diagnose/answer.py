@@ -26,6 +26,7 @@ from scpjax.diagnose.swing import Swing, draw_swing
 from scpjax.fit.fit import final_model, noise_by_column, scores, traces
 from scpjax.fit.identifiability import Uncertainty, estimates, uncertainty
 from scpjax.fit.result import Estimate
+from scpjax.parameter import Parameter
 from scpjax.physics.catalogue import mechanism
 
 TRUSTED: dict[Verdict, float] = {
@@ -233,9 +234,13 @@ def _nearest(choice: Choice) -> tuple[str, ...]:
 def _beyond(name: str, parameters: Sequence[str]) -> str:
     """What the recordings ask for of a mechanism of which some parameters ask for more than its law allows."""
     asked = [p for p in mechanism(name).parameters if p.name in parameters]
-    return " and ".join(
-        f"{p.name.replace('_', ' ')} of {name} outside {p.bounds[0]:g} to {p.bounds[1]:g}" for p in asked
-    )
+    return " and ".join(f"{p.name.replace('_', ' ')} of {name} {_outside(p)}" for p in asked)
+
+
+def _outside(p: Parameter) -> str:
+    """Where a parameter is asked for: a strength can only be asked for above its bounds."""
+    low, high = p.bounds
+    return f"above {high:g}" if p.null == 0.0 else f"outside {low:g} to {high:g}"
 
 
 def _repeating(swing: Rhythm | None) -> dict[str, float]:

@@ -298,6 +298,8 @@ def test_away_from_the_noise_it_is_given_up_and_the_note_says_why(monkeypatch):
     (note,) = _nearest(choice)
     said = "the recordings ask for more than physics allows: exponent of nonlinear_heat_loss outside 0.15 to 2"
     assert note == f"nearest in the catalogue: nonlinear_heat_loss; not named, for {said}"
+    (note,) = _nearest(replace(choice, overstretched={"creep": ("compliance", "slow_compliance")}))
+    assert note.endswith("physics allows: compliance of creep above 5 and slow compliance of creep above 5")
     assert [n[:14] for n in _nearest(replace(choice, rang=True))] == ["nearest in the", "what was learn"]
     monkeypatch.setattr(identifiability, "_DETERMINED", 0.0)  # not determined, a value at its limit says nothing
     kept, _ = beyond_names(parts, base, Choice(named, (), {"nonlinear_heat_loss": 1.0}, {}), Evidence(), [])
