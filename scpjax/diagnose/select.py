@@ -11,6 +11,7 @@ from scpjax.diagnose.choice import Choice, Progress
 from scpjax.diagnose.evidence import Evidence, chance_against, is_better, worthwhile
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
+from scpjax.diagnose.leap import leap, one_promises_the_rest
 from scpjax.diagnose.own import ROOM
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.remainder import FAR, at_noise
@@ -39,9 +40,10 @@ def choose(
     ``enough(first)`` says whether to end with the first name; out of ``patience`` neither a third round nor another way
     is begun, nor another round on such a way.
 
-    Where two mechanisms are close and neither reaches the noise, both ways are gone one round further. Where the way
-    ends away from the noise and ``mend`` does not bring it there, others that had evidence in the first round are gone
-    too: one mechanism that imitates two can be ahead of both.
+    Where two mechanisms are close and neither reaches the noise, both ways are gone one round further. One mechanism
+    that imitates two can be ahead of both: beside the first name two are tried at once in place of the second, before
+    the last round where no single one promises the rest of the misfit there, else where that ends away from the noise.
+    Where that and ``mend`` do not bring it there, others that had evidence in the first round are gone too.
     """
     search = Search(base, split, rules, catalogue, max_steps, patience or Patience())
 
@@ -49,7 +51,12 @@ def choose(
         if progress:
             progress(f"round {round_}: trying {text}", 0.15 + 0.2 * (round_ - 1))
 
-    branches = [Branch(base)]
+    def at_once(against: Branch) -> Branch | None:
+        leader = leaders[_SURE - 1].state
+        begun = next((t for t in rounds[_SURE - 1] if {*t.way.state.names} < {*leader.names}), None)
+        return begun and leap(search, begun, leader, against.state, lambda text: tell(text, _SURE))
+
+    branches, leapt = [Branch(base)], False
     rounds: list[list[Tried]] = []
     leaders: list[Branch] = []
     rooms: list[Branch] = []  # that begin with a room which differs by recording
@@ -57,9 +64,14 @@ def choose(
         if len(leaders) >= _SURE and search.patience.over():
             break
         tell("every mechanism", round_)
-        rounds.append([try_round(search, way, round_, tell) for way in branches])
-        with meanwhile(partial(_for_more, search, rounds)):
-            further = [b for found in rounds[-1] for b in one_more(search, found)]
+        rounds.append([])
+        further: list[Branch] = []
+        for way in branches:
+            if any(at_noise(b.state, split) and {*way.state.names} < {*b.state.names} for b in further):
+                continue  # it is part of what explains all
+            rounds[-1].append(try_round(search, way, round_, tell))
+            with meanwhile(partial(_for_more, search, rounds)):
+                further += one_more(search, rounds[-1][-1])
         if not any(at_noise(b.state, split) for b in further):
             tell("what may differ by recording", round_)
             with_room = [b for found in rounds[-1] for b in with_own_room(search, found)]
@@ -71,12 +83,19 @@ def choose(
             break
         if round_ == 1 and enough is not None and enough(leader.state):
             return _choice(leader)
+        far = not at_noise(leader.state, split, FAR)
+        if far and round_ == _SURE < rules.most and not one_promises_the_rest(search, leader.state):
+            both, leapt = at_once(leader), True
+            if both is not None:
+                return _choice(both)
         # the same names reached by another way are no way of their own
         others = (b for b in further if not b.ended and set(b.state.names) != set(leader.state.names))
         branches = [leader, *others][:WAYS]
     choice, mend = _choice(leaders[-1]), mend or (lambda choice: choice)
     if at_noise(choice.state, split, FAR):
         return choice
+    if len(leaders) > _SURE and not leapt and (both := at_once(leaders[-1])) is not None:
+        return _choice(both)
     choice = mend(choice) if choice.state.names else choice
     if not at_noise(choice.state, split, FAR):
         other = _by_another_way(search, rounds[0][0], rooms, leaders, choice.state, tell)

@@ -1,0 +1,104 @@
+"""Two mechanisms at once: one that imitates both together may be ahead of each of them alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from scpjax.diagnose.evidence import Comparison, chance_against, compare, is_better, probabilities
+from scpjax.diagnose.hypothesis import State
+from scpjax.diagnose.laws import other_laws
+from scpjax.diagnose.pruning import prune
+from scpjax.diagnose.remainder import FAR, at_noise, level
+from scpjax.diagnose.result import Ranked
+from scpjax.diagnose.rivals import by_law
+from scpjax.diagnose.screen import Promise, screen
+from scpjax.diagnose.trials import afresh
+from scpjax.diagnose.ways import Branch, Search, Tried
+
+_FROM = 4  # of what may be added in a round, closest first, are tried with another one
+_MUCH = 0.5  # of the sum of squares, that the other one must promise to take away
+_NEAR = 3.0  # RMS misfit, in units of the noise, up to which what two leave is fitted afresh and under other laws
+_REST = 0.3  # of the sum of squares in excess of the noise: one more that promises to leave less may be all there is
+
+
+def one_promises_the_rest(search: Search, state: State) -> bool:
+    """Whether a single mechanism more promises to leave little of what a hypothesis leaves beyond the noise."""
+    noise = float(search.split.is_train.sum())
+    promises = _promises(search, state, state.names)
+    return bool(promises) and state.cost - promises[0].gain - noise < _REST * (state.cost - noise)
+
+
+def leap(search: Search, found: Tried, leader: State, against: State, tell: Callable[[str], None]) -> Branch | None:
+    """The way of a round with two mechanisms more, neither of them what ``leader`` has added there, that come to
+    the noise, and closest; None where no two do. With each that has evidence the one is tried that then promises most,
+    those first that promise to leave least, until two are down to the noise.
+
+    What speaks for both is all that they have ahead of ``against``, to which the search has come without them.
+    """
+    best: tuple[Comparison, Promise, State] | None = None
+    for c, promise in _pairs(search, found, leader):
+        if search.patience.over():
+            break
+        tell(f"{c.added} and {promise.mechanism.name} at once")
+        state = _closest(search, found, c, promise)
+        if state is not None and (best is None or is_better(state, best[2], search.split, search.rules)):
+            best = c, promise, state
+            if at_noise(state, search.split):
+                break
+    return best and _way(search, found, *best, against)
+
+
+def _way(search: Search, found: Tried, c: Comparison, promise: Promise, state: State, against: State) -> Branch:
+    """The way of a round with what a comparison has added and one mechanism more, as ``state`` has them."""
+    split, rules, name = search.split, search.rules, promise.mechanism.name
+    extra = state.setup.structure.count_free(name, promise.mechanism.laws.index(state.laws[name]))
+    last = compare(c.state, state, name, state.laws[name], split, rules, extra)
+    p, round_ = probabilities([last])[name], found.ranking[-1].round + 1
+    ranked = Ranked(name, last.delta_bic, last.held_out_gain, p, last.law, round_)
+    lead = chance_against(state, against, split, rules)
+    outdone = {*against.names} - {*state.names}  # they imitate both, and were no rivals of what was named before
+    tried = found.way.tried | {c.added: found.tried, name: (last,)}
+    tried = {n: tuple(o for o in those if o.added not in outdone) for n, those in tried.items()}
+    own = found.way.own | {c.added: lead, name: lead}
+    return Branch(state, (*found.ranking, ranked), tried, own, found.way.equivalents)
+
+
+def _promises(search: Search, state: State, beside: Sequence[str]) -> list[Promise]:
+    """What promises something beside a hypothesis, most first; none of those named."""
+    others = [m for m in search.catalogue.structure.mechanisms if not m.is_base and m.name not in beside]
+    return screen(state, search.split, search.catalogue, others)
+
+
+def _pairs(search: Search, found: Tried, leader: State) -> list[tuple[Comparison, Promise]]:
+    """What had evidence in a round, each with what promises most beside it; those first that promise to leave least.
+    None of them is named by the leader, beside which all are tried in the next round. Promises are linear: what is left
+    by them is no bound.
+    """
+    out: list[tuple[float, Comparison, Promise]] = []
+    pairs: set[frozenset[str]] = set()
+    others = [c for c in found.accepted if c.added not in leader.names]
+    for c in sorted(others, key=lambda c: c.state.cost)[:_FROM]:
+        promises = _promises(search, c.state, (*c.state.names, *leader.names))
+        promise = next((p for p in promises if frozenset((c.added, p.mechanism.name)) not in pairs), None)
+        if promise is not None and promise.gain > _MUCH * c.state.cost:
+            pairs.add(frozenset((c.added, promise.mechanism.name)))
+            out.append((c.state.cost - promise.gain, c, promise))
+    return [(c, promise) for _, c, promise in sorted(out, key=lambda each: each[0])]
+
+
+def _closest(search: Search, found: Tried, c: Comparison, promise: Promise) -> State | None:
+    """A mechanism beside what a comparison has added, fitted; None where that does not reach the noise with both."""
+    split, rules, names = search.split, search.rules, (promise.mechanism.name, c.added)
+    by_each = [*by_law(c.state, names[0], split, close=np.inf).values()]
+    if not by_each or level(by_each[0], split) > _NEAR:
+        return None
+    state = afresh(by_each[0], split)
+    for name in names:
+        if not at_noise(state, split):
+            state = other_laws(state, name, split, rules, search.base, search.patience)
+    if not at_noise(state, split, FAR):
+        return None
+    state = prune(state, split, rules, search.base)
+    return state if {*names, *found.way.state.names} == {*state.names} else None
