@@ -33,24 +33,28 @@ def one_promises_the_rest(search: Search, state: State) -> bool:
 def leap(search: Search, found: Tried, leader: State, against: State, tell: Callable[[str], None]) -> Branch | None:
     """The way of a round with two mechanisms more, neither of them what ``leader`` has added there, that come to
     the noise, and closest; None where no two do. With each that has evidence the one is tried that then promises most,
-    those first that promise to leave least, until two are down to the noise.
+    those first that promise to leave least, until two come to it; what is closest then is fitted afresh.
 
     What speaks for both is all that they have ahead of ``against``, to which the search has come without them.
     """
-    best: tuple[Comparison, Promise, State] | None = None
+    fits: list[tuple[State, Comparison, Promise]] = []
     for c, promise in _pairs(search, found, leader):
-        if search.patience.over():
+        if search.patience.over() or any(at_noise(f, search.split) for f, _, _ in fits):
             break
         tell(f"{c.added} and {promise.mechanism.name} at once")
-        state = _closest(search, found, c, promise)
-        if state is not None and (best is None or is_better(state, best[2], search.split, search.rules)):
-            best = c, promise, state
-            if at_noise(state, search.split):
-                break
+        if (fit := _fitted(search, c, promise)) is not None:
+            fits.append((fit, c, promise))
+    best: tuple[State, Comparison, Promise] | None = None
+    for fit, c, promise in sorted(fits, key=lambda f: f[0].cost):
+        if search.patience.over() or (best is not None and at_noise(best[0], search.split)):
+            break
+        state = _brought_to_noise(search, found, fit, (promise.mechanism.name, c.added))
+        if state is not None and (best is None or is_better(state, best[0], search.split, search.rules)):
+            best = state, c, promise
     return best and _way(search, found, *best, against)
 
 
-def _way(search: Search, found: Tried, c: Comparison, promise: Promise, state: State, against: State) -> Branch:
+def _way(search: Search, found: Tried, state: State, c: Comparison, promise: Promise, against: State) -> Branch:
     """The way of a round with what a comparison has added and one mechanism more, as ``state`` has them."""
     split, rules, name = search.split, search.rules, promise.mechanism.name
     extra = state.setup.structure.count_free(name, promise.mechanism.laws.index(state.laws[name]))
@@ -88,13 +92,16 @@ def _pairs(search: Search, found: Tried, leader: State) -> list[tuple[Comparison
     return [(c, promise) for _, c, promise in sorted(out, key=lambda each: each[0])]
 
 
-def _closest(search: Search, found: Tried, c: Comparison, promise: Promise) -> State | None:
-    """A mechanism beside what a comparison has added, fitted; None where that does not reach the noise with both."""
-    split, rules, names = search.split, search.rules, (promise.mechanism.name, c.added)
-    by_each = [*by_law(c.state, names[0], split, close=np.inf).values()]
-    if not by_each or level(by_each[0], split) > _NEAR:
-        return None
-    state = afresh(by_each[0], split)
+def _fitted(search: Search, c: Comparison, promise: Promise) -> State | None:
+    """A mechanism beside what a comparison has added, under its closest law; None where that is nowhere near."""
+    by_each = [*by_law(c.state, promise.mechanism.name, search.split, close=np.inf).values()]
+    return by_each[0] if by_each and level(by_each[0], search.split) <= _NEAR else None
+
+
+def _brought_to_noise(search: Search, found: Tried, fit: State, names: Sequence[str]) -> State | None:
+    """Two mechanisms more fitted afresh, and under other laws; None where that does not reach the noise with both."""
+    split, rules = search.split, search.rules
+    state = afresh(fit, split)
     for name in names:
         if not at_noise(state, split):
             state = other_laws(state, name, split, rules, search.base, search.patience)
