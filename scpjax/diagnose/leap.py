@@ -8,13 +8,12 @@ import numpy as np
 
 from scpjax.diagnose.evidence import Comparison, chance_against, compare, is_better, probabilities
 from scpjax.diagnose.hypothesis import State
-from scpjax.diagnose.laws import other_laws
 from scpjax.diagnose.pruning import prune
 from scpjax.diagnose.remainder import FAR, at_noise, level
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.screen import Promise, screen
-from scpjax.diagnose.trials import afresh
+from scpjax.diagnose.trials import afresh, under_every_law
 from scpjax.diagnose.ways import Branch, Search, Tried
 
 _FROM = 4  # of what may be added in a round, closest first, are tried with another one
@@ -99,12 +98,16 @@ def _fitted(search: Search, c: Comparison, promise: Promise) -> State | None:
 
 
 def _brought_to_noise(search: Search, found: Tried, fit: State, names: Sequence[str]) -> State | None:
-    """Two mechanisms more fitted afresh, and under other laws; None where that does not reach the noise with both."""
+    """Two mechanisms more fitted afresh, and each name under every law; None where that does not reach the noise with
+    both.
+    """
     split, rules = search.split, search.rules
     state = afresh(fit, split)
-    for name in names:
-        if not at_noise(state, split):
-            state = other_laws(state, name, split, rules, search.base, search.patience)
+    for name in (*names, *found.way.state.names):
+        if at_noise(state, split):
+            break
+        other = under_every_law(state, name, split, hurried=True)
+        state = other if is_better(other, state, split, rules) else state
     if not at_noise(state, split, FAR):
         return None
     state = prune(state, split, rules, search.base)

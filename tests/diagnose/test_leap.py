@@ -64,7 +64,7 @@ def _played(monkeypatch, left: dict[str, float], promised: dict[str, dict[str, f
         "by_law": with_one,
         "screen": promises,
         "afresh": lambda state, split: state,
-        "other_laws": lambda state, *_: state,
+        "under_every_law": lambda state, name, split, hurried: state,
         "prune": lambda state, *_: state,
         "level": lambda state, split: (state.cost / NOISE) ** 0.5,
         "at_noise": lambda state, split, within=1.0: state.cost <= NOISE * within,
