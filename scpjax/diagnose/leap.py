@@ -19,6 +19,7 @@ from scpjax.diagnose.ways import Branch, Search, Tried
 _FROM = 4  # of what may be added in a round, closest first, are tried with another one
 _MUCH = 0.5  # of the sum of squares, that the other one must promise to take away
 _NEAR = 3.0  # RMS misfit, in units of the noise, up to which what two leave is fitted afresh and under other laws
+_HOPELESS = 4.0 * _NEAR**2  # sum of squares, in units of the noise's, that both must not promise to leave
 _REST = 0.3  # of the sum of squares in excess of the noise: one more that promises to leave less may be all there is
 
 
@@ -77,17 +78,19 @@ def _promises(search: Search, state: State, beside: Sequence[str]) -> list[Promi
 def _pairs(search: Search, found: Tried, leader: State) -> list[tuple[Comparison, Promise]]:
     """What had evidence in a round, each with what promises most beside it; those first that promise to leave least.
     None of them is named by the leader, beside which all are tried in the next round. Promises are linear: what is left
-    by them is no bound.
+    by them is no bound, but where they leave far too much nothing is tried.
     """
     out: list[tuple[float, Comparison, Promise]] = []
     pairs: set[frozenset[str]] = set()
+    most = _HOPELESS * float(search.split.is_train.sum())
     others = [c for c in found.accepted if c.added not in leader.names]
     for c in sorted(others, key=lambda c: c.state.cost)[:_FROM]:
         promises = _promises(search, c.state, (*c.state.names, *leader.names))
         promise = next((p for p in promises if frozenset((c.added, p.mechanism.name)) not in pairs), None)
-        if promise is not None and promise.gain > _MUCH * c.state.cost:
+        left = np.inf if promise is None else c.state.cost - promise.gain
+        if promise is not None and left < min(most, (1.0 - _MUCH) * c.state.cost):
             pairs.add(frozenset((c.added, promise.mechanism.name)))
-            out.append((c.state.cost - promise.gain, c, promise))
+            out.append((left, c, promise))
     return [(c, promise) for _, c, promise in sorted(out, key=lambda each: each[0])]
 
 

@@ -143,6 +143,15 @@ def test_only_what_reaches_the_noise_counts(monkeypatch, left, reached):
     assert (found is not None) is reached
 
 
+@pytest.mark.parametrize(("far", "tried"), [(1.0, ["bcx"]), (3.5, ["bcx"]), (5.0, [])])
+def test_where_nothing_promises_to_come_near_nothing_is_tried(monkeypatch, far, tried):
+    promised = {n: {"b": 300.0 * far, "c": 300.0 * far} for n in ("bx", "cx")}
+    fitted = _played(monkeypatch, {"bcx": 80.0}, promised)
+    found = _round({"b": 400.0 * far, "c": 400.0 * far})
+    assert leap(_search(), found, LEADER, LEADER, lambda text: None) is None  # type: ignore[arg-type]
+    assert fitted == tried
+
+
 def test_what_is_not_missed_beside_the_other_is_not_named(monkeypatch):
     fitted = _played(monkeypatch, {"bcx": 10.0, "cdx": 900.0}, PROMISED)
     monkeypatch.setattr(room, "prune", lambda state, *_: _State(("x", "b"), 12.0))
