@@ -33,24 +33,38 @@ def one_promises_the_rest(search: Search, state: State) -> bool:
 def leap(search: Search, found: Tried, leader: State, against: State, tell: Callable[[str], None]) -> Branch | None:
     """The way of a round with two mechanisms more, neither of them what ``leader`` has added there, that come to
     the noise, and closest; None where no two do. With each that has evidence the one is tried that then promises most,
-    those first that promise to leave least, until two come to it; what is closest then is fitted afresh.
+    those first that promise to leave least, until two come to it; else those that come near it are fitted afresh.
 
     What speaks for both is all that they have ahead of ``against``, to which the search has come without them.
     """
-    fits: list[tuple[State, Comparison, Promise]] = []
+    split, rules = search.split, search.rules
+    best: tuple[State, Comparison, Promise] | None = None
+
+    def ended() -> bool:
+        return (best is not None and at_noise(best[0], split)) or search.patience.over()
+
+    def bring(fit: State, c: Comparison, promise: Promise) -> None:
+        nonlocal best
+        state = _brought_to_noise(search, found, fit, (promise.mechanism.name, c.added))
+        if state is not None and (best is None or is_better(state, best[0], split, rules)):
+            best = state, c, promise
+
+    later: list[tuple[State, Comparison, Promise]] = []
     for c, promise in _pairs(search, found, leader):
-        if search.patience.over() or any(at_noise(f, search.split) for f, _, _ in fits):
+        if ended():
             break
         tell(f"{c.added} and {promise.mechanism.name} at once")
-        if (fit := _fitted(search, c, promise)) is not None:
-            fits.append((fit, c, promise))
-    best: tuple[State, Comparison, Promise] | None = None
-    for fit, c, promise in sorted(fits, key=lambda f: f[0].cost):
-        if search.patience.over() or (best is not None and at_noise(best[0], search.split)):
+        fit = _fitted(search, c, promise)
+        if fit is None:
+            continue
+        if at_noise(fit, split, FAR):
+            bring(fit, c, promise)
+        else:
+            later.append((fit, c, promise))
+    for each in sorted(later, key=lambda f: f[0].cost):
+        if ended():
             break
-        state = _brought_to_noise(search, found, fit, (promise.mechanism.name, c.added))
-        if state is not None and (best is None or is_better(state, best[0], search.split, search.rules)):
-            best = state, c, promise
+        bring(*each)
     return best and _way(search, found, *best, against)
 
 
