@@ -53,8 +53,12 @@ def choose(
 
     def at_once(against: Branch) -> Branch | None:
         leader = leaders[_SURE - 1].state
-        begun = next((t for t in rounds[_SURE - 1] if {*t.way.state.names} < {*leader.names}), None)
-        return begun and leap(search, begun, leader, against.state, lambda text: tell(text, _SURE))
+        for found in rounds[_SURE - 1]:
+            way = found.way.state
+            led = leader if {*way.names} < {*leader.names} else way
+            if both := leap(search, found, led, against.state, lambda text: tell(text, _SURE)):
+                return both
+        return None
 
     branches, leapt = [Branch(base)], False
     rounds: list[list[Tried]] = []

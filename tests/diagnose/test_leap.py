@@ -202,6 +202,24 @@ def test_the_selection_asks_for_two_at_once_before_a_last_round_or_after_it(monk
     assert chosen() == ({"a", "b", "d"} if promised else {"b", "c", "d"})
 
 
+def test_two_at_once_are_tried_on_every_way(monkeypatch):
+    """What imitates both may have been ahead in the first round already: then they are beside what the other way has
+    named. None is tried beside what led the leader's own ways; beside another, anything.
+    """
+    played(monkeypatch, {"a": 500.0, "b": 505.0, "ab": 200.0, "bc": 300.0})
+    put(monkeypatch, "one_promises_the_rest", lambda search, state: False)
+    tried = []
+    put(monkeypatch, "leap", lambda search, found, leader, *_: tried.append((found.way.state.names, leader.names)))
+    chosen()
+    assert tried == [(("a",), ("a", "b")), (("b",), ("a", "b"))]
+    played(monkeypatch, {"a": 500.0, "b": 505.0, "ac": 200.0, "bd": 300.0})
+    put(monkeypatch, "one_promises_the_rest", lambda search, state: False)
+    tried.clear()
+    put(monkeypatch, "leap", lambda search, found, leader, *_: tried.append((found.way.state.names, leader.names)))
+    chosen()
+    assert tried == [(("a",), ("a", "c")), (("b",), ("b",))]
+
+
 def test_the_selection_goes_on_where_no_two_do(monkeypatch):
     played(monkeypatch, {"a": 500.0, "ab": 300.0, "abc": 1.0})
     put(monkeypatch, "one_promises_the_rest", lambda search, state: False)
