@@ -41,7 +41,7 @@ def write_page(
         f"{len(scores)} of the plan's {of} cases (see [how it was made](#how-it-was-made)).\n",
         _WHAT,
         "## What was asked\n",
-        *_goals(scores),
+        *_goals(scores, commit),
         "## What was said\n",
         "A row is what was concealed, a column what was named (equivalents count as right).\n",
         f"![Confusion]({draw_confusion(scores, pictures)})\n",
@@ -80,7 +80,7 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     return "\n".join([*lines, *(f"| {' | '.join(map(str, row))} |" for row in rows)]) + "\n"
 
 
-def _goals(scores: Sequence[Score]) -> list[str]:
+def _goals(scores: Sequence[Score], commit: str) -> list[str]:
     rows = []
     new = [s for s in scores if s.first]
     for g, unseen in zip(goals(scores), goals(new), strict=True):
@@ -89,11 +89,11 @@ def _goals(scores: Sequence[Score]) -> list[str]:
         share = f"{g.hits} of {g.of}, {g.share:.0%} ({low:.0%} to {high:.0%})" if g.of else "no such case"
         apart = f"{unseen.hits} of {unseen.of}" if unseen.of else ""
         rows.append((g.title, f"{sign} {g.asked:.0%}", share, apart, {True: "yes", False: "**no**", None: ""}[g.met]))
-    by = ", ".join(dict.fromkeys(s.commit for s in new))
+    by = ", ".join(c for c in commit.split(", ") if c in {s.commit for s in new})
     say = (
         f"Of {len(new)} cases it is noted that the engine was asked them for the first time{by and f' ({by})'}; they "
-        "are counted apart, too. Of the others that was not noted, or it had been run on them before. It was changed "
-        "after most of either, with some in view: `fits/concealed/seen.txt` tells.\n"
+        "are counted apart, too, until they are run again. Of the others that was not noted, or it had been run on "
+        "them before. It was changed after most of either, with some in view: `fits/concealed/seen.txt` tells.\n"
     )
     return [say, _table(("", "asked", "found (95 % interval)", "asked first", "met"), rows)]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 
 import numpy as np
 
@@ -31,14 +31,17 @@ def one_promises_the_rest(search: Search, state: State) -> bool:
 
 
 def leap(search: Search, found: Tried, leader: State, against: State, tell: Callable[[str], None]) -> Branch | None:
-    """The way of a round with two mechanisms more, neither of them what ``leader`` has added there, that come to
-    the noise, and closest; None where no two do. With each that has evidence the one is tried that then promises most,
-    those first that promise to leave least, until two come to it; else those that come near it are fitted afresh.
+    """The way of a round with two mechanisms more that together leave about the noise and are better than ``against``,
+    to which the search has come without them; neither is what ``leader`` has added there. None where no two do, or out
+    of patience.
 
-    What speaks for both is all that they have ahead of ``against``, to which the search has come without them.
+    Of what had evidence in the round, the four closest are each paired with what promises most beside them. Pairs that
+    promise to leave least are fitted first, until one is down to the noise. What speaks for either name is what the
+    pair has ahead of ``against``, and of other pairs without it that came to the noise.
     """
     split, rules = search.split, search.rules
     best: tuple[State, Comparison, Promise] | None = None
+    brought: list[State] = []
 
     def ended() -> bool:
         return (best is not None and at_noise(best[0], split)) or search.patience.over()
@@ -46,9 +49,13 @@ def leap(search: Search, found: Tried, leader: State, against: State, tell: Call
     def bring(fit: State, c: Comparison, promise: Promise) -> None:
         nonlocal best
         state = _brought_to_noise(search, found, fit, (promise.mechanism.name, c.added))
-        if state is not None and (best is None or is_better(state, best[0], split, rules)):
-            best = state, c, promise
+        if state is not None:
+            brought.append(state)
+            if is_better(state, against if best is None else best[0], split, rules):
+                best = state, c, promise
 
+    if search.patience.over():
+        return None
     later: list[tuple[State, Comparison, Promise]] = []
     for c, promise in _pairs(search, found, leader):
         if ended():
@@ -65,22 +72,34 @@ def leap(search: Search, found: Tried, leader: State, against: State, tell: Call
         if ended():
             break
         bring(*each)
-    return best and _way(search, found, *best, against)
+    if best is None:
+        return None
+    imitators = {*leader.names} - {*found.way.state.names}
+    return _way(search, found, *best, imitators, [against, *(s for s in brought if s is not best[0])])
 
 
-def _way(search: Search, found: Tried, state: State, c: Comparison, promise: Promise, against: State) -> Branch:
-    """The way of a round with what a comparison has added and one mechanism more, as ``state`` has them."""
+def _way(
+    search: Search,
+    found: Tried,
+    state: State,
+    c: Comparison,
+    promise: Promise,
+    imitators: Set[str],
+    beaten: Sequence[State],
+) -> Branch:
+    """The way of a round with what a comparison has added and one mechanism more, as ``state`` has them. What it shows
+    to be ``imitators`` of both were no rivals of what was named before; ``beaten`` are hypotheses that it is ahead of.
+    """
     split, rules, name = search.split, search.rules, promise.mechanism.name
     extra = state.setup.structure.count_free(name, promise.mechanism.laws.index(state.laws[name]))
     last = compare(c.state, state, name, state.laws[name], split, rules, extra)
     p, round_ = probabilities([last])[name], found.ranking[-1].round + 1
     ranked = Ranked(name, last.delta_bic, last.held_out_gain, p, last.law, round_)
-    lead = chance_against(state, against, split, rules)
-    outdone = {*against.names} - {*state.names}  # they imitate both, and were no rivals of what was named before
     tried = found.way.tried | {c.added: found.tried, name: (last,)}
-    tried = {n: tuple(o for o in those if o.added not in outdone) for n, those in tried.items()}
-    own = found.way.own | {c.added: lead, name: lead}
-    return Branch(state, (*found.ranking, ranked), tried, own, found.way.equivalents)
+    tried = {n: tuple(o for o in those if o.added not in imitators) for n, those in tried.items()}
+    ahead = [(s.names, chance_against(state, s, split, rules)) for s in beaten]
+    least = {n: min(lead for i, (names, lead) in enumerate(ahead) if i == 0 or n not in names) for n in (c.added, name)}
+    return Branch(state, (*found.ranking, ranked), tried, found.way.own | least, found.way.equivalents)
 
 
 def _promises(search: Search, state: State, beside: Sequence[str]) -> list[Promise]:
@@ -90,9 +109,9 @@ def _promises(search: Search, state: State, beside: Sequence[str]) -> list[Promi
 
 
 def _pairs(search: Search, found: Tried, leader: State) -> list[tuple[Comparison, Promise]]:
-    """What had evidence in a round, each with what promises most beside it; those first that promise to leave least.
-    None of them is named by the leader, beside which all are tried in the next round. Promises are linear: what is left
-    by them is no bound, but where they leave far too much nothing is tried.
+    """What had evidence in a round, each with what promises most beside it and was not paired with it yet; those first
+    that promise to leave least. None is named by the leader, beside which all are tried in the next round. Promises are
+    linear: what is left by them is no bound, but where they leave far too much nothing is tried.
     """
     out: list[tuple[float, Comparison, Promise]] = []
     pairs: set[frozenset[str]] = set()

@@ -40,10 +40,11 @@ def choose(
     ``enough(first)`` says whether to end with the first name; out of ``patience`` neither a third round nor another way
     is begun, nor another round on such a way.
 
-    Where two mechanisms are close and neither reaches the noise, both ways are gone one round further. One mechanism
-    that imitates two can be ahead of both: beside the first name two are tried at once in place of the second, before
-    the last round where no single one promises the rest of the misfit there, else where that ends away from the noise.
-    Where that and ``mend`` do not bring it there, others that had evidence in the first round are gone too.
+    Where two mechanisms are close and neither reaches the noise, both ways are gone one round further, the second only
+    if what it has named is not part of what explains all on the first. Where the way ends away from the noise and
+    ``mend`` does not bring it there, others that had evidence in the first round are gone too. One mechanism that
+    imitates two can be ahead of both: beside the first name two are tried at once in place of the second, before the
+    last round where no single one promises the rest of the misfit there, else after ``mend``.
     """
     search = Search(base, split, rules, catalogue, max_steps, patience or Patience())
 
@@ -53,14 +54,17 @@ def choose(
 
     def at_once(against: Branch) -> Branch | None:
         leader = leaders[_SURE - 1].state
+        best = None
         for found in rounds[_SURE - 1]:
             way = found.way.state
             led = leader if {*way.names} < {*leader.names} else way
-            if both := leap(search, found, led, against.state, lambda text: tell(text, _SURE)):
-                return both
-        return None
+            best = leap(search, found, led, (best or against).state, lambda text: tell(text, _SURE)) or best
+            if best and at_noise(best.state, split):
+                break
+        return best
 
     branches, leapt = [Branch(base)], False
+    both: Branch | None = None
     rounds: list[list[Tried]] = []
     leaders: list[Branch] = []
     rooms: list[Branch] = []  # that begin with a room which differs by recording
@@ -90,17 +94,20 @@ def choose(
         far = not at_noise(leader.state, split, FAR)
         if far and round_ == _SURE < rules.most and not one_promises_the_rest(search, leader.state):
             both, leapt = at_once(leader), True
-            if both is not None:
+            if both and at_noise(both.state, split):
                 return _choice(both)
         # the same names reached by another way are no way of their own
         others = (b for b in further if not b.ended and set(b.state.names) != set(leader.state.names))
         branches = [leader, *others][:WAYS]
-    choice, mend = _choice(leaders[-1]), mend or (lambda choice: choice)
+    if both and not is_better(both.state, leaders[-1].state, split, rules):
+        both = None
+    choice, mend = _choice(both or leaders[-1]), mend or (lambda choice: choice)
     if at_noise(choice.state, split, FAR):
         return choice
-    if len(leaders) > _SURE and not leapt and (both := at_once(leaders[-1])) is not None:
-        return _choice(both)
     choice = mend(choice) if choice.state.names else choice
+    if not (leapt or at_noise(choice.state, split, FAR)) and len(leaders) > _SURE:
+        both = at_once(replace(leaders[-1], state=choice.state))
+        choice = choice if both is None else _choice(both)
     if not at_noise(choice.state, split, FAR):
         other = _by_another_way(search, rounds[0][0], rooms, leaders, choice.state, tell)
         choice = choice if other is None else mend(_choice(other))

@@ -43,19 +43,28 @@ def _search(patience: float = 1e9) -> Search:
     return Search(_State((), 1e6), split, Evidence(), catalogue, 40, Patience(patience))  # type: ignore[arg-type]
 
 
-def _played(monkeypatch, left: dict[str, float], promised: dict[str, dict[str, float]]) -> list[str]:
+def _played(
+    monkeypatch,
+    left: dict[str, float],
+    promised: dict[str, dict[str, float]],
+    anew: dict[str, float] | None = None,
+    laws: dict[tuple[str, str], float] | None = None,
+) -> list[str]:
     """Plays fits of names, in the order of the alphabet, that leave so much, and promises beside them; which were
-    fitted.
+    fitted. ``anew``: what they leave fitted afresh; ``laws``: and with one of them under another law.
     """
     fitted: list[str] = []
 
+    def told(state):
+        return "".join(sorted(state.names))
+
     def with_one(state, name, split, close):
-        after = "".join(sorted((*state.names, name)))
+        after = told(_State((*state.names, name), 0.0))
         fitted.append(after)
         return {name: _State((*state.names, name), left[after])} if after in left else {}
 
     def promises(state, split, catalogue, mechanisms):
-        gain = promised["".join(sorted(state.names))]
+        gain = promised[told(state)]
         known = [m for m in mechanisms if m.name in gain]
         found = [SimpleNamespace(mechanism=m, gain=gain[m.name]) for m in known]
         return sorted(found, key=lambda p: -p.gain)
@@ -63,14 +72,16 @@ def _played(monkeypatch, left: dict[str, float], promised: dict[str, dict[str, f
     played = {
         "by_law": with_one,
         "screen": promises,
-        "afresh": lambda state, split: state,
-        "under_every_law": lambda state, name, split, hurried: state,
+        "afresh": lambda state, split: _State(state.names, (anew or {}).get(told(state), state.cost)),
+        "under_every_law": lambda state, name, split, hurried: _State(
+            state.names, (laws or {}).get((told(state), name), state.cost)
+        ),
         "prune": lambda state, *_: state,
         "level": lambda state, split: (state.cost / NOISE) ** 0.5,
         "at_noise": lambda state, split, within=1.0: state.cost <= NOISE * within,
         "compare": lambda a, b, name, law, split, rules, extra: _gained(b, name, a.cost - b.cost),
         "is_better": lambda a, b, split, rules: a.cost < b.cost,
-        "chance_against": lambda a, b, split, rules: 1.0 if a.cost < b.cost else 0.0,
+        "chance_against": lambda a, b, split, rules: 1 / (1 + np.exp((a.cost - b.cost) / 2)),
     }
     for name, value in played.items():
         monkeypatch.setattr(room, name, value)
@@ -104,7 +115,7 @@ def test_two_at_once_reach_what_neither_does_beside_what_imitates_both(monkeypat
     assert found is not None
     assert found.state.names == ("x", "b", "c")
     assert fitted == ["cdx", "bcx"]
-    assert (found.chance("b"), found.chance("c")) == (1.0, 1.0)
+    assert found.chance("b") == found.chance("c") == pytest.approx(1.0)
     assert (found.ranking[-1].name, found.ranking[-1].round) == ("c", 3)
 
 
@@ -135,6 +146,28 @@ def test_what_is_near_the_noise_may_be_outdone_by_what_is_closer(monkeypatch, le
     assert found is not None
     assert found.state.names == names
     assert fitted == ["cdx", "bcx"]
+    ahead = 1 / (1 + np.exp(-0.5))  # of the other pair; what is in both has that for it which nothing else had
+    assert [found.chance(n) for n in names[1:]] == pytest.approx([1.0 if n == "c" else ahead for n in names[1:]])
+
+
+@pytest.mark.parametrize(("left", "names"), [(12.0, ("x", "b", "c")), (14.0, None)])
+def test_what_only_comes_near_is_fitted_afresh_and_under_other_laws(monkeypatch, left, names):
+    """Closest first; the law of the first name, ``x``, was chosen beside neither."""
+    for more in ({"anew": {"bcx": left}}, {"laws": {("bcx", "x"): left}}):
+        _played(monkeypatch, {"bcx": 80.0, "cdx": 85.0}, PROMISED, **more)
+        found = leap(_search(), _round({"b": 400.0, "c": 410.0, "d": 500.0}), LEADER, LEADER, lambda text: None)  # type: ignore[arg-type]
+        assert (found and found.state.names) == names
+
+
+def test_two_at_once_are_better_than_what_the_search_has_come_to(monkeypatch):
+    """Else they are none; what it has come to may have more names, of which the leader had none."""
+    for cost, names in ((11.0, None), (13.0, ("x", "b", "c"))):
+        _played(monkeypatch, {"bcx": 12.0}, PROMISED)
+        found = _round({"b": 400.0, "c": 410.0})
+        both = leap(_search(), found, LEADER, _State(("x", "a", "d"), cost), lambda text: None)  # type: ignore[arg-type]
+        assert (both and both.state.names) == names
+        if both:
+            assert both.chance("b") == pytest.approx(1 / (1 + np.exp(-0.5)))
 
 
 @pytest.mark.parametrize(("left", "reached"), [(NOISE * 1.3, True), (NOISE * 1.4, False), (NOISE * 9.5, False)])
@@ -173,33 +206,67 @@ def test_a_single_one_may_promise_all_that_is_left(monkeypatch, gain, all_of_it)
     assert not one_promises_the_rest(_search(), LEADER)  # type: ignore[arg-type]
 
 
-IMITATED = {"x": 500.0, "ax": 50.0, "bx": 300.0, "cx": 310.0, "abx": 30.0}
+def _at_once(monkeypatch, promised: bool, both: float) -> list[tuple[str, ...]]:
+    """Plays two at once that leave so much; what they were set against."""
+    put(monkeypatch, "one_promises_the_rest", lambda search, state: promised)
+    put(monkeypatch, "at_noise", lambda state, split, within=1.05: state.cost <= within)
+    against: list[tuple[str, ...]] = []
+
+    def two(search, found, leader, state, tell):
+        assert found.way.state.names == ("d",)
+        assert leader.names == ("d", "a")
+        against.append(state.names)
+        return replace(found.way, state=Played(("d", "b", "c"), both), own=dict.fromkeys("dbc", 1.0))
+
+    put(monkeypatch, "leap", two)
+    return against
 
 
 @pytest.mark.parametrize("promised", [True, False])
 def test_the_selection_asks_for_two_at_once_before_a_last_round_or_after_it(monkeypatch, promised):
-    """Before it where no single one promises the rest; else the last round is gone first, and may be enough."""
-    misfits = {n.replace("x", "d"): left for n, left in IMITATED.items()}
-    asked = played(monkeypatch, misfits)
-    put(monkeypatch, "one_promises_the_rest", lambda search, state: promised)
-    against: list[tuple[str, ...]] = []
-
-    def both(search, found, leader, state, tell):
-        assert found.way.state.names == ("d",)
-        assert leader.names == ("d", "a")
-        against.append(state.names)
-        names = dict.fromkeys("dbc", 1.0)
-        return replace(found.way, state=Played(("d", "b", "c"), 1.0), own=names)
-
-    put(monkeypatch, "leap", both)
+    """Before it where no single one promises the rest; else the last round is gone first."""
+    asked = played(monkeypatch, {"d": 500.0, "ad": 50.0, "bd": 300.0, "cd": 310.0, "abd": 30.0})
+    against = _at_once(monkeypatch, promised, 1.0)
     assert chosen() == {"b", "c", "d"}
     assert against == [("d", "a", "b") if promised else ("d", "a")]
     assert (("d", "a") in asked) is promised
-    misfits["abd"] = 1.0
-    played(monkeypatch, misfits)
-    put(monkeypatch, "one_promises_the_rest", lambda search, state: promised)
-    put(monkeypatch, "leap", both)
-    assert chosen() == ({"a", "b", "d"} if promised else {"b", "c", "d"})
+
+
+@pytest.mark.parametrize(
+    ("promised", "both", "third", "names"),
+    [
+        (True, 1.0, 1.0, {"a", "b", "d"}),  # one more was all there was
+        (False, 1.2, 1.0, {"a", "b", "d"}),  # two at once had come near, and it to the noise
+        (False, 1.2, 1.3, {"b", "c", "d"}),
+        (False, 1.0, 0.9, {"b", "c", "d"}),  # down to the noise: nothing more is asked for
+    ],
+)
+def test_two_at_once_near_the_noise_do_not_end_the_selection(monkeypatch, promised, both, third, names):
+    played(monkeypatch, {"d": 500.0, "ad": 50.0, "bd": 300.0, "cd": 310.0, "abd": third})
+    _at_once(monkeypatch, promised, both)
+    assert chosen() == names
+
+
+def test_names_are_mended_before_two_are_tried_at_once(monkeypatch):
+    played(monkeypatch, {"d": 500.0, "ad": 50.0, "bd": 300.0, "cd": 310.0, "abd": 30.0})
+    against = _at_once(monkeypatch, True, 1.0)
+
+    def mend(choice):
+        return replace(choice, state=Played(choice.state.names, 1.0))
+
+    found = select.choose(Played((), 1000.0), None, Evidence(), None, mend=mend)  # type: ignore[arg-type]
+    assert {*found.state.names} == {"a", "b", "d"}
+    assert against == []
+
+
+def test_a_second_way_is_not_gone_where_it_is_part_of_what_explains_all(monkeypatch):
+    for left, gone in ((1.0, False), (1.2, True)):
+        asked = played(monkeypatch, {"a": 500.0, "b": 505.0, "ab": left, "bc": 300.0})
+        chosen()
+        assert (("b",) in asked) is gone
+    asked = played(monkeypatch, {"a": 500.0, "b": 505.0, "ac": 1.0, "bc": 300.0})
+    chosen()
+    assert ("b",) in asked
 
 
 def test_two_at_once_are_tried_on_every_way(monkeypatch):

@@ -127,7 +127,7 @@ def test_the_page_shows_every_case(tmp_path):
     assert "| `b` | single-slack | 5.0 | misnamed | friction |" in text
     assert "1 of 2, 50% (9% to 91%) | 1 of 1 |" in text
     assert "| 0 of 1, 0% (0% to 79%) | 0 of 1 |" in text
-    assert "Of 2 cases it is noted that the engine was asked them for the first time (abc, older)" in text
+    assert "Of 2 cases it is noted that the engine was asked them for the first time (older, abc)" in text
     assert "| explained | 1 | 2 |" in text
     assert "diverged" in text
     methods, common = by_method(scores, others | {"pysindy": {"b": 2.0}})
