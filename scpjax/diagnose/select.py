@@ -47,21 +47,11 @@ def choose(
     last round where no single one promises the rest of the misfit there, else after ``mend``.
     """
     search = Search(base, split, rules, catalogue, max_steps, patience or Patience())
+    mend = mend or (lambda choice: choice)
 
     def tell(text: str, round_: int) -> None:
         if progress:
             progress(f"round {round_}: trying {text}", 0.15 + 0.2 * (round_ - 1))
-
-    def at_once(against: Branch) -> Branch | None:
-        leader = leaders[_SURE - 1].state
-        best = None
-        for found in rounds[_SURE - 1]:
-            way = found.way.state
-            led = leader if {*way.names} < {*leader.names} else way
-            best = leap(search, found, led, (best or against).state, lambda text: tell(text, _SURE)) or best
-            if best and at_noise(best.state, split):
-                break
-        return best
 
     branches, leapt = [Branch(base)], False
     both: Branch | None = None
@@ -71,21 +61,8 @@ def choose(
     for round_ in range(1, rules.most + 1):
         if len(leaders) >= _SURE and search.patience.over():
             break
-        tell("every mechanism", round_)
-        rounds.append([])
-        further: list[Branch] = []
-        for way in branches:
-            if any(at_noise(b.state, split) and {*way.state.names} < {*b.state.names} for b in further):
-                continue  # it is part of what explains all
-            rounds[-1].append(try_round(search, way, round_, tell))
-            with meanwhile(partial(_for_more, search, rounds)):
-                further += one_more(search, rounds[-1][-1])
-        if not any(at_noise(b.state, split) for b in further):
-            tell("what may differ by recording", round_)
-            with_room = [b for found in rounds[-1] for b in with_own_room(search, found)]
-            with_values = [b for way in further if not way.ended and (b := with_own_values(search, way))]
-            rooms = rooms if rounds[1:] else with_room
-            further += [b for b in (*with_room, *with_values) if at_noise(b.state, split, FAR)]
+        further, with_room = _gone_on(search, branches, rounds, round_, tell)
+        rooms = rooms if rounds[1:] else with_room
         leaders.append(leader := _best(further, split, rules))
         if leader.ended or at_noise(leader.state, split):
             break
@@ -93,26 +70,74 @@ def choose(
             return _choice(leader)
         far = not at_noise(leader.state, split, FAR)
         if far and round_ == _SURE < rules.most and not one_promises_the_rest(search, leader.state):
-            both, leapt = at_once(leader), True
+            both, leapt = _two_at_once(search, rounds, leaders, leader.state, tell), True
             if both and at_noise(both.state, split):
                 return _choice(both)
         # the same names reached by another way are no way of their own
         others = (b for b in further if not b.ended and set(b.state.names) != set(leader.state.names))
         branches = [leader, *others][:WAYS]
-    if both and not is_better(both.state, leaders[-1].state, split, rules):
-        both = None
-    choice, mend = _choice(both or leaders[-1]), mend or (lambda choice: choice)
+    ahead = both is not None and is_better(both.state, leaders[-1].state, split, rules)
+    choice = _choice(both if both and ahead else leaders[-1])
     if at_noise(choice.state, split, FAR):
         return choice
     choice = mend(choice) if choice.state.names else choice
     if not (leapt or at_noise(choice.state, split, FAR)) and len(leaders) > _SURE:
-        both = at_once(replace(leaders[-1], state=choice.state))
-        choice = choice if both is None else _choice(both)
+        both = _two_at_once(search, rounds, leaders, choice.state, tell)
+        choice = _choice(both) if both else choice
     if not at_noise(choice.state, split, FAR):
         other = _by_another_way(search, rounds[0][0], rooms, leaders, choice.state, tell)
         choice = choice if other is None else mend(_choice(other))
     strongest = next((c.added for c in rounds[0][0].accepted if c.added in choice.state.names), None)
     return choice if strongest is None else replace(choice, state=in_order(choice.state, strongest, split))
+
+
+def _gone_on(
+    search: Search,
+    ways: Sequence[Branch],
+    rounds: list[list[Tried]],
+    round_: int,
+    tell: Callable[[str, int], None],
+) -> tuple[list[Branch], list[Branch]]:
+    """Some ways with one name more, or with what may differ by recording; and of these those that begin with a room.
+    What was tried is added to ``rounds``.
+    """
+    split = search.split
+    tell("every mechanism", round_)
+    rounds.append([])
+    further: list[Branch] = []
+    for way in ways:
+        if any(at_noise(b.state, split) and {*way.state.names} < {*b.state.names} for b in further):
+            continue  # it is part of what explains all
+        rounds[-1].append(try_round(search, way, round_, tell))
+        with meanwhile(partial(_for_more, search, rounds)):
+            further += one_more(search, rounds[-1][-1])
+    if any(at_noise(b.state, split) for b in further):
+        return further, []
+    tell("what may differ by recording", round_)
+    with_room = [b for found in rounds[-1] for b in with_own_room(search, found)]
+    with_values = [b for way in further if not way.ended and (b := with_own_values(search, way))]
+    return [*further, *(b for b in (*with_room, *with_values) if at_noise(b.state, split, FAR))], with_room
+
+
+def _two_at_once(
+    search: Search,
+    rounds: Sequence[Sequence[Tried]],
+    leaders: Sequence[Branch],
+    against: State,
+    tell: Callable[[str, int], None],
+) -> Branch | None:
+    """The best way with two names at once in place of the second, on any way of its round, that is better than
+    ``against``; None where none is.
+    """
+    leader = leaders[_SURE - 1].state
+    best: Branch | None = None
+    for found in rounds[_SURE - 1]:
+        way = found.way.state
+        led = leader if {*way.names} < {*leader.names} else way
+        best = leap(search, found, led, best.state if best else against, lambda text: tell(text, _SURE)) or best
+        if best and at_noise(best.state, search.split):
+            break
+    return best
 
 
 def _for_more(search: Search, rounds: Sequence[Sequence[Tried]]) -> None:
