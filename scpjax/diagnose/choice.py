@@ -19,7 +19,8 @@ class Choice:
     those of them that asked for more than their laws allow, and of which parameters; ``outdone``: something learned
     explains what they do, and better. ``free``: the name of a mechanism that a learned curve is, which the hypothesis
     does not hold. ``settled``: every name was set against what could stand in its place. ``rang``: what was learned
-    beyond it, or in its place, was left out, as it rings within the bins.
+    beyond it, or in its place, was left out, as it rings within the bins. ``together``: two names that were tried at
+    once in place of one.
     """
 
     state: State
@@ -32,6 +33,7 @@ class Choice:
     free: str = ""
     settled: bool = False
     rang: bool = False
+    together: tuple[str, ...] = ()
 
     def with_only(self, state: State) -> Choice:
         """The choice with fewer names, those of ``state``."""

@@ -99,7 +99,9 @@ def _way(
     tried = {n: tuple(o for o in those if o.added not in imitators) for n, those in tried.items()}
     ahead = [(s.names, chance_against(state, s, split, rules)) for s in beaten]
     least = {n: min(lead for i, (names, lead) in enumerate(ahead) if i == 0 or n not in names) for n in (c.added, name)}
-    return Branch(state, (*found.ranking, ranked), tried, found.way.own | least, found.way.equivalents)
+    return Branch(
+        state, (*found.ranking, ranked), tried, found.way.own | least, found.way.equivalents, together=(c.added, name)
+    )
 
 
 def _promises(search: Search, state: State, beside: Sequence[str]) -> list[Promise]:

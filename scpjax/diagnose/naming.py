@@ -111,13 +111,24 @@ def find_names(
         pruned = fewer(prune(choice.state, found.parts, rules, found.base), found.parts, rules)
         if pruned.names != choice.state.names:
             choice = replace(choice.with_only(pruned), settled=choice.settled)
-    found = Found(*_settled(found.parts, found.base, choice, rules), notes=found.notes)
+    notes = (*found.notes, *_together(choice))
+    found = Found(*_settled(found.parts, found.base, choice, rules), notes=notes)
     found = _by_shorter_steps(found, search)
     free = one_for_several(found.base, found.choice, found.parts, rules)
     if free is None:
         return found
     same = f"{' and '.join(found.choice.state.names)} together would predict the same as {free.names[0]} by its curve"
     return replace(found, choice=free.choice(found.base, found.choice), curve=free.curve, notes=(*found.notes, same))
+
+
+def _together(choice: Choice) -> tuple[str, ...]:
+    """What to tell of two names that no round has chosen."""
+    if not choice.together:
+        return ()
+    return (
+        f"round 2 compares single mechanisms: {' and '.join(choice.together)} were then tried together in place of "
+        "what leads it, and explain more; by it alone either looks unlikely",
+    )
 
 
 def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free | None]:

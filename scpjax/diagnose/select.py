@@ -152,7 +152,8 @@ def _for_more(search: Search, rounds: Sequence[Sequence[Tried]]) -> None:
 def _choice(leader: Branch) -> Choice:
     names = leader.state.names
     chance = {n: leader.chance(n) for n in names}
-    return Choice(leader.state, leader.ranking, chance, {n: leader.equivalents.get(n, ()) for n in names})
+    equivalents = {n: leader.equivalents.get(n, ()) for n in names}
+    return Choice(leader.state, leader.ranking, chance, equivalents, together=leader.together)
 
 
 def _best(branches: Sequence[Branch], split: Split, rules: Evidence) -> Branch:

@@ -45,7 +45,7 @@ class Branch:
     """A way the selection may go: what was named on it, by which evidence.
 
     ``tried``: by name, all that was compared in the round in which it was named. ``own``: how likely names are that
-    were not chosen in a round.
+    were not chosen in a round. ``together``: two that were added at once.
     """
 
     state: State
@@ -54,6 +54,7 @@ class Branch:
     own: dict[str, float] = field(default_factory=dict)
     equivalents: dict[str, tuple[str, ...]] = field(default_factory=dict)
     ended: bool = False  # nothing more is asked for
+    together: tuple[str, ...] = ()
 
     def chance(self, name: str) -> float:
         """How likely a name is, with its equivalents, against what was compared with it. What is named as well was no

@@ -10,7 +10,7 @@ import pytest
 from diagnose.playing import Played, chosen, played, put
 
 from scpjax.diagnose import leap as room
-from scpjax.diagnose import select
+from scpjax.diagnose import naming, select
 from scpjax.diagnose.evidence import Comparison, Evidence
 from scpjax.diagnose.leap import leap, one_promises_the_rest
 from scpjax.diagnose.patience import Patience
@@ -117,6 +117,7 @@ def test_two_at_once_reach_what_neither_does_beside_what_imitates_both(monkeypat
     assert fitted == ["cdx", "bcx"]
     assert found.chance("b") == found.chance("c") == pytest.approx(1.0)
     assert (found.ranking[-1].name, found.ranking[-1].round) == ("c", 3)
+    assert found.together == ("b", "c")
 
 
 def test_what_imitates_both_is_no_rival_of_what_was_named_before(monkeypatch):
@@ -285,6 +286,20 @@ def test_two_at_once_are_tried_on_every_way(monkeypatch):
     put(monkeypatch, "leap", lambda search, found, leader, *_: tried.append((found.way.state.names, leader.names)))
     chosen()
     assert tried == [(("a",), ("a", "c")), (("b",), ("b",))]
+
+
+def test_the_report_tells_of_two_at_once(monkeypatch):
+    """By the table of rounds what imitates them leads, and neither."""
+    played(monkeypatch, {"d": 500.0, "ad": 50.0, "bd": 300.0, "cd": 310.0})
+    put(monkeypatch, "one_promises_the_rest", lambda search, state: False)
+    both = Played(("d", "b", "c"), 1.0)
+    way = lambda found: replace(found.way, state=both, own=dict.fromkeys("dbc", 1.0), together=("b", "c"))  # noqa: E731
+    put(monkeypatch, "leap", lambda search, found, *_: way(found))
+    found = select.choose(Played((), 1000.0), None, Evidence(), None)  # type: ignore[arg-type]
+    assert found.together == ("b", "c")
+    (note,) = naming._together(found)
+    assert "b and c were then tried together" in note
+    assert naming._together(replace(found, together=())) == ()
 
 
 def test_the_selection_goes_on_where_no_two_do(monkeypatch):
