@@ -37,7 +37,10 @@ class OutputError(ScpjaxError):
 
 
 def start() -> None:
-    """Double precision, and compiled functions kept between calls (``SCPJAX_CACHE``: where; empty: not)."""
+    """Double precision on the processor, and compiled functions kept between calls (``SCPJAX_CACHE``: where; empty:
+    not). A few fits at a time, thousands of steps one after the other, are slower on an accelerator: whoever wants one
+    says so by ``JAX_PLATFORMS``.
+    """
     flags = os.environ.get("XLA_FLAGS", "")
     told = any(option in flags for option in ("xla_backend_extra_options", "xla_disable_hlo_passes"))
     if knows_options() and not told:  # whoever has set some knows what they are for
@@ -47,6 +50,8 @@ def start() -> None:
     from scpjax.kept import keep_in
 
     jax.config.update("jax_enable_x64", True)
+    if getattr(jax.config, "jax_platforms", None) is None:
+        jax.config.update("jax_platforms", "cpu")
     folder = cache_folder()
     keep_in(folder)
     if folder is None or getattr(jax.config, "jax_compilation_cache_dir", None):
@@ -59,7 +64,7 @@ def start() -> None:
 
 def knows_options() -> bool:
     """Whether this XLA is known to know the options asked of it here: one that it does not ends the process."""
-    return (0, 7) <= tuple(int(n) for n in version("jaxlib").split(".")[:2]) <= (0, 10)
+    return (0, 7) <= tuple(int(n) for n in version("jaxlib").split(".")[:2]) <= (0, 11)
 
 
 def cache_folder() -> Path | None:

@@ -79,3 +79,18 @@ def test_what_the_user_told_the_compiler_is_left(monkeypatch):
     start()
     start()
     assert os.environ["XLA_FLAGS"] == f"--xla_cpu_enable_fast_math=false {LOOPS}"
+
+
+@pytest.mark.parametrize(("told", "taken"), [(None, "cpu"), ("cuda", "cuda")])
+def test_runs_on_the_processor_unless_told_otherwise(told, taken):
+    """Also where a command's module has imported JAX, which reads what it is told as it is imported."""
+    others = {k: v for k, v in os.environ.items() if k != "JAX_PLATFORMS"}
+    asked = "import jax; from scpjax.cli.program import start; start(); print(jax.config.jax_platforms)"
+    found = subprocess.run(
+        [sys.executable, "-c", asked],
+        env=others if told is None else others | {"JAX_PLATFORMS": told},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert found.stdout.strip() == taken
