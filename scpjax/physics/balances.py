@@ -42,8 +42,9 @@ class Balances:
         self.sides = len(structure.sides)
         self.values: list[Values] = []
         self.shared: dict[str, Array] = {}  # base parameters that mechanisms refer to: stiffness, thermal_mass
+        apart = jax.lax.split(theta, (1,) * theta.shape[0]) if theta.shape[0] else []
         for i, (m, places) in enumerate(zip(structure.mechanisms, structure.places, strict=True)):
-            mine = {n: theta[at[0]] if len(at) == 1 else theta[jnp.array(at)] for n, at in places}
+            mine = {n: apart[at[0]].reshape(()) if len(at) == 1 else theta[jnp.array(at)] for n, at in places}
             if len(m.laws) > 1:
                 mine["law"] = laws[i]
             self.values.append(Values(mine))

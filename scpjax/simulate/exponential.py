@@ -73,22 +73,31 @@ class _Matrix(eqx.Module):
     """A matrix to be multiplied by vectors of which the components are kept apart.
 
     Batched over trials and sensitivities, every operation of a step is then one long vector loop, several times as fast
-    as small matrix products. A matrix of few entries is taken apart into scalars; a loop over the columns of others
-    takes a fraction of the time to compile (``python benchmarks/matrices.py``).
+    as small matrix products. A matrix of few entries is taken apart into scalars, where it is used: XLA carries each
+    scalar that a loop takes from outside through it, and compiles for longer. A loop over the columns of others takes a
+    fraction of the time to compile (``python benchmarks/matrices.py``).
     """
 
-    entries: list[Array]  # of few: one for each place
+    few: Array | None  # (..., rows, columns)
     columns: Array | None  # of many: (..., columns, rows)
     where: tuple[tuple[tuple[int, int], ...], ...] = eqx.field(static=True)  # by row: (column, place in entries)
+    places: tuple[int, ...] = eqx.field(static=True)  # of the entries, row by row
 
     def __init__(self, matrix: Float[Array, "... n n"], pattern: Pattern):
         """``pattern`` says which entries can differ from zero; ``matrix`` may have leading axes, which a scan takes
         away.
         """
         there = [(i, j) for i, row in enumerate(pattern) for j, used in enumerate(row) if used]
-        self.columns = None if is_small(pattern) else jnp.swapaxes(matrix, -1, -2)
-        self.entries = [matrix[..., i, j] for i, j in there] if self.columns is None else []
+        self.few, self.columns = (matrix, None) if is_small(pattern) else (None, jnp.swapaxes(matrix, -1, -2))
+        self.places = tuple(i * len(pattern) + j for i, j in there)
         self.where = tuple(tuple((j, k) for k, (row, j) in enumerate(there) if row == i) for i in range(len(pattern)))
+
+    def entries(self) -> list[Array]:
+        """What can differ from zero of a matrix of few entries; none of others."""
+        if self.few is None:
+            return []
+        apart = jax.lax.split(self.few.ravel(), (1,) * self.few.size)
+        return [apart[k].reshape(()) for k in self.places]
 
     def __call__(self, vector: list[Array]) -> list[Array]:
         return _products((self, vector))
@@ -103,7 +112,8 @@ def _products(*pairs: tuple[_Matrix, list[Array]]) -> list[Array]:
     """Sum of the products of matrices, all of one pattern, and vectors."""
     where, columns = pairs[0][0].where, [m.columns for m, _ in pairs if m.columns is not None]
     if not columns:
-        return [_total([m.entries[k] * v[j] for m, v in pairs for j, k in row]) for row in where]
+        apart = [(m.entries(), v) for m, v in pairs]
+        return [_total([m[k] * v[j] for m, v in apart for j, k in row]) for row in where]
 
     def add(total: Array, xs: Any) -> tuple[Array, None]:
         return total + sum(column * x for column, x in zip(*xs, strict=True)), None

@@ -18,7 +18,7 @@ from scpjax.physics.mechanism import Mechanism
 from scpjax.physics.model import Model
 from scpjax.recordings.recording import Recording
 from scpjax.simulate.drive import Grid, delayed, make_grid
-from scpjax.simulate.exponential import Step, all_nodes, etd2, etd4
+from scpjax.simulate.exponential import Carry, Rates, Step, all_nodes, etd2, etd4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,10 +69,24 @@ def stepper(
         nodes = delayed(nodes, step, model.delay(), grid.constant, before)
     a, pattern = model.core(), coupling(model.structure)
     if order == 2 and grid.constant:
-        balances = model.balances(step=step)
-        carried = balances.carried if balances.carries else None
-        return etd2(balances.rates, a, step, pattern=pattern, carried=carried), nodes[:, 0, :]
-    return etd4(model.balances(step=step / 2).rates, a, step, pattern=pattern), nodes
+        rates, carried = _taken_apart_within(model, step)
+        return etd2(rates, a, step, pattern=pattern, carried=carried), nodes[:, 0, :]
+    rates, _ = _taken_apart_within(model, step / 2)
+    return etd4(rates, a, step, pattern=pattern), nodes
+
+
+def _taken_apart_within(model: Model, step: Array) -> tuple[Rates, Carry | None]:
+    """`Balances.rates` and `Balances.carried`, if any, of balances into which the values are put where they are asked:
+    XLA carries all that a loop takes from outside through it, and compiles for longer the more that is.
+    """
+
+    def rates(z: list[Array], effort: Array) -> list[Array]:
+        return model.balances(step=step).rates(z, effort)
+
+    def carried(z: list[Array], after: list[Array], effort: Array, over: Array) -> list[Array]:
+        return model.balances(step=step).carried(z, after, effort, over)
+
+    return rates, carried if model.balances().carries else None
 
 
 def node_states(model: Model, grid: Grid, z0: Float[Array, " states"], *, order: int = 2) -> tuple[Array, Array]:
