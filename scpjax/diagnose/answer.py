@@ -30,9 +30,9 @@ from scpjax.parameter import Parameter
 from scpjax.physics.catalogue import mechanism
 
 TRUSTED: dict[Verdict, float] = {
-    "explained": (159 + 1) / (170 + 2),
+    "explained": (178 + 1) / (190 + 2),
     "adequate": 1.0,
-    "unexplained": (15 + 1) / (29 + 2),
+    "unexplained": (19 + 1) / (33 + 2),
 }
 """By verdict, how often a name is right of which the evidence alone is certain: the counts in ``docs/concealed.md`` by
 Laplace's rule of succession. The evidence compares the laws of the catalogue as if one of them were exact; this is what
@@ -233,8 +233,9 @@ def _nearest(choice: Choice) -> tuple[str, ...]:
 
 def _beyond(name: str, parameters: Sequence[str]) -> str:
     """What the recordings ask for of a mechanism of which some parameters ask for more than its law allows."""
-    asked = [p for p in mechanism(name).parameters if p.name in parameters]
-    return " and ".join(f"{p.name.replace('_', ' ')} of {name} {_outside(p)}" for p in asked)
+    m = mechanism(name)
+    asked = [f"{p.name.replace('_', ' ')} of {name} {_outside(p)}" for p in m.parameters if p.name in parameters]
+    return " and ".join([*asked, *([m.impossible] if m.impossible in parameters else [])])
 
 
 def _outside(p: Parameter) -> str:

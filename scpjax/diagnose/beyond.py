@@ -59,16 +59,24 @@ def correction(state: State, parts: Split, rules: Evidence) -> Learned | Curve |
 
 
 def in_place_of(
-    base: State, state: State, parts: Split, rules: Evidence, where: Sequence[str] = (), *, as_well: bool = False
+    base: State,
+    state: State,
+    parts: Split,
+    rules: Evidence,
+    where: Sequence[str] = (),
+    *,
+    as_well: bool = False,
+    impossible: bool = False,
 ) -> Beyond | None:
     """A closure ``where`` it may stand (anywhere when none is given) that is none of the names of a hypothesis, reaches
     the noise, and predicts the held-out stretches better. Such names being unlikely, it need not have more evidence;
-    where it has, it is enough to predict them ``as_well``.
+    where it has, it is enough to predict them ``as_well``, and of ``impossible`` names whatever evidence it has.
     """
 
     def predicts(s: State) -> bool:
         mine, its = (float(np.sum(h.residual[parts.is_held] ** 2)) for h in (s, state))
-        return mine < its or (as_well and mine < its + rules.held_out and ahead(s, state, parts, rules) > 0.0)
+        enough = impossible or (as_well and ahead(s, state, parts, rules) > 0.0)
+        return mine < its or (enough and mine < its + rules.held_out)
 
     found: list[Beyond | None] = [f(base, parts, rules, where) for f in (bend, learn)]
     if not where or "thermoelectric" in where:

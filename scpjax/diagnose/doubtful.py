@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from scpjax.diagnose.evidence import at_its_least
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
 from scpjax.fit.identifiability import at_limit, estimates, held_back, uncertainty
+from scpjax.physics.mechanism import Mechanism, Values
 
 _TOLD = 1.96  # standard errors: a time that is less is not told from none
 
@@ -34,6 +38,33 @@ def asking_for_more(state: State, parts: Split) -> dict[str, tuple[str, ...]]:
     found = [s for s in found if not (s.parameter.null == 0.0 and least[s.index])]
     by_name = {n: tuple(dict.fromkeys(s.parameter.name for s in found if s.mechanism == n)) for n in state.names}
     return {n: asked for n, asked in by_name.items() if asked}
+
+
+def impossible(state: State, parts: Split) -> dict[str, tuple[str, ...]]:
+    """Names of which the parameters together are beyond what nature allows, by more than their errors, and what that
+    is. Only where a law fits do its parameters say that much.
+    """
+    named = [m for m in state.setup.structure.mechanisms if m.name in state.names and m.impossible]
+    if not named:
+        return {}
+    structure, space, trial = state.setup.structure, state.setup.space, state.trial
+    error = uncertainty(trial, parts.train, space)
+    index = jnp.asarray([space.keys.index(key) for key in error.keys])
+    ambient = float(np.mean(np.asarray(state.setup.data.ambient)))
+    out = {}
+    for m in named:
+        which = structure.mechanisms.index(m)
+
+        def beyond(moved: Array, m: Mechanism = m, which: int = which) -> Array:
+            free = jnp.asarray(trial.free).at[index].set(moved)
+            values = space.values(free, jnp.asarray(trial.fixed), jnp.asarray(trial.active))
+            mine = {n: jnp.squeeze(values[jnp.asarray(at)]) for n, at in structure.places[which]}
+            return jnp.asarray(m.beyond_physics(Values(mine | {"law": jnp.asarray(trial.laws[which])}), ambient))
+
+        by, slope = jax.value_and_grad(beyond)(jnp.asarray(trial.free)[index])
+        if float(by) > _TOLD * float(np.sqrt(np.asarray(slope) @ error.covariance @ np.asarray(slope))):
+            out[m.name] = (m.impossible,)
+    return out
 
 
 def acting_at_once(state: State, parts: Split) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from scpjax.diagnose.beyond import Beyond, balances, closure, correction, in_place_of, one_reaction
 from scpjax.diagnose.choice import Choice
-from scpjax.diagnose.doubtful import acting_at_once, asking_for_more, nothing_stays, strained
+from scpjax.diagnose.doubtful import acting_at_once, asking_for_more, impossible, nothing_stays, strained
 from scpjax.diagnose.evidence import Evidence, ahead, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
@@ -128,12 +128,15 @@ def _beyond(
 def form_rather_than_name(parts: Split, base: State, choice: Choice, rules: Evidence) -> tuple[Choice, Beyond | None]:
     """What is to be said when the names reach the noise: a last name that came where little was left is false if a
     correction of the form of the others' laws has more evidence in its place and predicts better. So are all where one
-    asks for more than its law allows or acts at once, if a closure that is none of them predicts better; a single one
-    with a parameter at its end, if one does far better; and several about the heat of which a reaction alone does
-    better.
+    asks for more than its law allows or acts at once, if a closure that is none of them predicts better, or for more
+    than nature allows, if one predicts as well; a single one with a parameter at its end, if one does far better; and
+    several about the heat of which a reaction alone does better.
     """
     ends = asking_for_more(choice.state, parts)
-    alone = in_place_of(base, choice.state, parts, rules, balances(choice.state)) if ends else None
+    never = impossible(choice.state, parts)
+    ends |= {n: (*ends.get(n, ()), *what) for n, what in never.items()}
+    where = balances(choice.state)
+    alone = in_place_of(base, choice.state, parts, rules, where, impossible=bool(never)) if ends else None
     alone = alone or _instead_of_doubtful(base, choice.state, parts, rules)
     alone = alone or one_reaction(base, choice.state, parts, rules)
     if alone is not None:

@@ -86,6 +86,7 @@ class Mechanism(eqx.Module):
     law_needs: ClassVar[dict[int, tuple[str, ...]]] = {}  # what a law needs beyond that
     excited_by: ClassVar[str] = ""
     starts: ClassVar[tuple[tuple[float, ...], ...]] = ()  # physical (or time-relative) start values, per parameter
+    impossible: ClassVar[str] = ""  # what its parameters ask for where they are `beyond_physics`
     learned: ClassVar[bool] = False  # a closure: no physics with a name, and never a candidate for one
 
     @property
@@ -189,6 +190,12 @@ class Mechanism(eqx.Module):
     def stored(self, p: Values, view: View) -> Side | float:
         """Heat [J] stored in this mechanism's own states, or by its `capacity`."""
         return 0.0
+
+    def beyond_physics(self, p: Values, ambient: float | Array) -> Array | float:
+        """How much more than nature allows its parameters ask for together in a room of ``ambient`` [K]: above 0, more.
+        What it then is, `impossible` says.
+        """
+        return -1.0
 
     def lost(self, p: Values, view: View) -> Side | float:
         """Heat flow [W] that leaves the actuator through this mechanism (exchange between its own nodes is not one)."""

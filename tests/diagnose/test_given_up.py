@@ -22,6 +22,8 @@ from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.remainder import AT_NOISE, form_at_most, level
 from scpjax.diagnose.rivals import added
 from scpjax.fit import identifiability
+from scpjax.physics.mechanism import Values
+from scpjax.physics.mechanisms.nonlinear_heat_loss import NonlinearHeatLoss
 
 
 def test_names_that_explain_less_than_a_closure_are_not_given():
@@ -214,9 +216,71 @@ def test_a_name_that_asks_for_more_than_its_law_allows_is_not_given():
         parts, base, Choice(named, (), {"nonlinear_heat_loss": 1.0}, {}), Evidence()
     )
     assert choice.state is base
-    assert choice.overstretched == {"nonlinear_heat_loss": ("exponent",)}
+    assert choice.overstretched == {"nonlinear_heat_loss": ("exponent", NonlinearHeatLoss.impossible)}
     assert isinstance(learned, Learned)
     assert learned.terms == ("learned_heat.Tx2",)
+
+
+def test_a_loss_that_grows_faster_than_nature_allows_is_not_given():
+    """A loss that doubles as the coil contracts by 5 mm, where that follows the temperature: in proportion to it, which
+    no parameter forbids alone. One of natural convection may be as large.
+    """
+    base, parts = base_of(recorded(lambda _t, temperature, moved: LOSS * temperature * moved / 5e-3))
+    named = added(base, "nonlinear_heat_loss", parts)
+    assert level(base, parts) > 10.0
+    assert level(named, parts) < AT_NOISE
+    assert doubtful.asking_for_more(named, parts) == {}
+    told = {"nonlinear_heat_loss": (NonlinearHeatLoss.impossible,)}
+    assert doubtful.impossible(named, parts) == told
+    choice, learned = form_rather_than_name(
+        parts, base, Choice(named, (), {"nonlinear_heat_loss": 1.0}, {}), Evidence()
+    )
+    assert choice.state is base
+    assert choice.overstretched == told
+    assert learned is not None
+    assert level(learned.state, parts) < AT_NOISE
+    (note,) = _nearest(choice)
+    assert note.endswith(f"ask for more than physics allows: {NonlinearHeatLoss.impossible}")
+    air, its = base_of(
+        recorded(lambda _t, temperature, _x: 2.0 * LOSS * temperature * (abs(temperature) / 30.0) ** 0.3)
+    )
+    warmed = added(air, "nonlinear_heat_loss", its)
+    assert level(warmed, its) < AT_NOISE
+    assert doubtful.impossible(warmed, its) == {}
+    assert doubtful.impossible(air, its) == {}
+
+
+@pytest.mark.parametrize("law", ["power", "radiation"])
+def test_what_grows_faster_than_nature_allows_by_the_growth_itself(law):
+    """Beside the derivative of the loss per degree, written out; a black body alone is just allowed."""
+    m, reference, room = NonlinearHeatLoss(), 120.0, 293.15
+
+    def loss(a: float, n: float, excess: float) -> float:
+        def extra(t: float) -> float:
+            if law == "power":
+                return (t / reference) ** n
+            glow = lambda u: ((room + u) ** 4 - room**4) / (4 * room**3 * u) - 1.0  # noqa: E731
+            return glow(t) / glow(reference)
+
+        return 1.0 + a * extra(excess)
+
+    def beyond(a: float, n: float) -> float:
+        values = {"strength": a, "exponent": n, "reference": reference, "law": m.laws.index(law)}
+        return float(m.beyond_physics(Values({k: np.asarray(v) for k, v in values.items()}), room))
+
+    black = ((room + reference) ** 4 - room**4) / (4 * room**3 * reference)
+    step = 1e-4
+    grow = lambda f: np.log(f(reference * (1 + step)) / f(reference * (1 - step))) / (2 * step)  # noqa: E731
+    fastest = grow(lambda t: ((room + t) ** 4 - room**4) / t)
+    assert fastest > 1 / 3
+    for a, n in ((0.5, 0.3), (1.0, 1.0), (20.0, 0.33), (3.0, 1.5)):
+        assert beyond(a, n) == pytest.approx(grow(lambda t, a=a, n=n: loss(a, n, t)) - fastest, abs=1e-5)
+    if law == "power":
+        assert beyond(20.0, 0.33) < 0.0
+    else:
+        assert beyond(black - 1.0, 0.5) == pytest.approx(0.0, abs=1e-9)
+        assert beyond(1.1 * (black - 1.0), 0.5) > 0.0
+    assert beyond(3.0, 1.5) > 0.0
 
 
 def test_a_delay_of_no_time_is_no_name_where_a_force_follows_the_drive(monkeypatch):
@@ -265,17 +329,19 @@ def test_a_time_within_a_bin_that_is_not_told_from_none_is_none(monkeypatch, wid
 
 
 @pytest.mark.parametrize(
-    ("more", "ahead", "as_well", "found"),
+    ("more", "ahead", "as_well", "impossible", "found"),
     [
-        (-1.0, -9.0, False, True),
-        (1.0, 5.0, False, False),
-        (1.0, 5.0, True, True),
-        (1.0, -5.0, True, False),
-        (7.0, 50.0, True, False),
+        (-1.0, -9.0, False, False, True),
+        (1.0, 5.0, False, False, False),
+        (1.0, 5.0, True, False, True),
+        (1.0, -5.0, True, False, False),
+        (7.0, 50.0, True, False, False),
+        (1.0, -5.0, False, True, True),
+        (7.0, 50.0, False, True, False),
     ],
 )
-def test_a_closure_with_more_evidence_need_only_predict_as_well(monkeypatch, more, ahead, as_well, found):
-    """``more`` of the held-out misfit than names leave, in units of the noise."""
+def test_a_closure_with_more_evidence_need_only_predict_as_well(monkeypatch, more, ahead, as_well, impossible, found):
+    """``more`` of the held-out misfit than names leave, in units of the noise; of impossible ones without evidence."""
     held = np.ones((1, 1, 1), bool)
     state = lambda left: SimpleNamespace(residual=np.full((1, 1, 1), np.sqrt(left)))  # noqa: E731
     learned = SimpleNamespace(state=state(100.0 + more))
@@ -283,7 +349,8 @@ def test_a_closure_with_more_evidence_need_only_predict_as_well(monkeypatch, mor
         monkeypatch.setattr(beyond, name, lambda *_, value=value: value)
     monkeypatch.setattr(beyond, "_is_none_of", lambda *_: True)
     parts = SimpleNamespace(is_held=held)
-    told = beyond.in_place_of(None, state(100.0), parts, Evidence(), as_well=as_well)  # type: ignore[arg-type]
+    two = {"as_well": as_well, "impossible": impossible}
+    told = beyond.in_place_of(None, state(100.0), parts, Evidence(), **two)  # type: ignore[arg-type]
     assert (told is learned) == found
 
 

@@ -3,6 +3,7 @@
 from typing import ClassVar
 
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
@@ -20,6 +21,7 @@ class NonlinearHeatLoss(Mechanism):
         "natural convection n = 1/4, radiation about n = 1: "
         "Incropera, Fundamentals of Heat and Mass Transfer, ch. 9, 12"
     )
+    impossible = "a loss that grows faster than those of natural convection and of a black body do"
     says = "A hot actuator loses more heat per degree than a warm one, because the air rises faster and it glows."
     needs = ("thermal",)
     excited_by = "cooling curves and steady states at several voltages"
@@ -68,3 +70,14 @@ class NonlinearHeatLoss(Mechanism):
         radiated = warm * (6.0 + warm * (4.0 + warm)) / (hot * (6.0 + hot * (4.0 + hot)))
         growth = jnp.where(p.law == 1, radiated, power)
         return -view.shared["conductance"] * p.strength * growth * view.temperature
+
+    def beyond_physics(self, p: Values, ambient: float | Array) -> Array | float:
+        """By how much d ln(loss/T) / d ln(T) at the reference excess is above that of what grows fastest: turbulent
+        natural convection (1/3), or a black body in its room. Of flows side by side it is a mean.
+        """
+        hot = p.reference / ambient
+        black = 1.0 + hot * (6.0 + hot * (4.0 + hot)) / 4.0  # loss / T, as a multiple of that of a small excess
+        fastest = hot * (6.0 + hot * (8.0 + hot * 3.0)) / 4.0 / black
+        radiated = p.strength * hot * (6.0 + hot * (8.0 + hot * 3.0)) / 4.0 / (black - 1.0)
+        grows = jnp.where(p.law == 1, radiated, p.strength * p.exponent) / (1.0 + p.strength)
+        return jnp.max(grows - jnp.maximum(fastest, 1.0 / 3.0))
