@@ -39,7 +39,7 @@ class OutputError(ScpjaxError):
 def start() -> None:
     """Double precision on the processor, and compiled functions kept between calls (``SCPJAX_CACHE``: where; empty:
     not). A few fits at a time, thousands of steps one after the other, are slower on an accelerator: whoever wants one
-    says so by ``JAX_PLATFORMS``.
+    says so by ``JAX_PLATFORMS`` (or the old ``JAX_PLATFORM_NAME``).
     """
     flags = os.environ.get("XLA_FLAGS", "")
     told = any(option in flags for option in ("xla_backend_extra_options", "xla_disable_hlo_passes"))
@@ -50,7 +50,7 @@ def start() -> None:
     from scpjax.kept import keep_in
 
     jax.config.update("jax_enable_x64", True)
-    if getattr(jax.config, "jax_platforms", None) is None:
+    if getattr(jax.config, "jax_platforms", None) is None and not os.environ.get("JAX_PLATFORM_NAME"):
         jax.config.update("jax_platforms", "cpu")
     folder = cache_folder()
     keep_in(folder)

@@ -16,11 +16,11 @@ class Choice:
     """How it ended: the hypothesis chosen, all that was tried, and what could stand in for what.
 
     ``given_up``: names that came nearest and are none, and the share of the misfit that they left; ``overstretched``:
-    those of them that asked for more than their laws allow, and of which parameters; ``outdone``: something learned
-    explains what they do, and better. ``free``: the name of a mechanism that a learned curve is, which the hypothesis
-    does not hold. ``settled``: every name was set against what could stand in its place. ``rang``: what was learned
-    beyond it, or in its place, was left out, as it rings within the bins. ``together``: two names that were tried at
-    once in place of one.
+    those of them that asked for more than their laws or nature allow, and of which parameters, or of what; ``outdone``:
+    something learned explains what they do, and better. ``free``: the name of a mechanism that a learned curve is,
+    which the hypothesis does not hold. ``settled``: every name was set against what could stand in its place.
+    ``rang``: what was learned beyond it, or in its place, was left out, as it rings within the bins. ``together``: two
+    names that were tried at once in place of one.
     """
 
     state: State

@@ -57,9 +57,10 @@ def impossible(state: State, parts: Split) -> dict[str, tuple[str, ...]]:
 
         def beyond(moved: Array, m: Mechanism = m, which: int = which) -> Array:
             free = jnp.asarray(trial.free).at[index].set(moved)
-            values = space.values(free, jnp.asarray(trial.fixed), jnp.asarray(trial.active))
-            mine = {n: jnp.squeeze(values[jnp.asarray(at)]) for n, at in structure.places[which]}
-            return jnp.asarray(m.beyond_physics(Values(mine | {"law": jnp.asarray(trial.laws[which])}), ambient))
+            physical = space.values(free, jnp.asarray(trial.fixed), jnp.asarray(trial.active))
+            mine = {n: jnp.squeeze(physical[jnp.asarray(at)]) for n, at in structure.places[which]}
+            values = Values(mine | {"law": jnp.asarray(trial.laws[which])})
+            return jnp.max(jnp.asarray(m.beyond_physics(values, ambient), float))
 
         by, slope = jax.value_and_grad(beyond)(jnp.asarray(trial.free)[index])
         if float(by) > _TOLD * float(np.sqrt(np.asarray(slope) @ error.covariance @ np.asarray(slope))):

@@ -84,7 +84,7 @@ def _told_of(choice: Choice, before: Choice, ends: dict[str, tuple[str, ...]], b
     """The choice with what is told of names that asked for more than their laws allow."""
     names = before.state.names if not choice.state.names else tuple(ends)
     left = share_left(base, before.state, parts.is_held)
-    return replace(choice, given_up=(names, left), overstretched=ends)
+    return replace(choice, given_up=(names, left), overstretched=choice.overstretched | ends)
 
 
 def outdone(before: Choice, best: State, base: State, parts: Split) -> Choice:

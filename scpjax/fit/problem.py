@@ -95,7 +95,7 @@ def _binned(model: Model, data: Data, locals_: Locals, values: Float[Array, " l"
     m = _in_room(model, jnp.asarray(data.ambient))
     z0 = initial_state(m, locals_, values, jnp.asarray(data.start_effort))
     advance, drive = stepper(m, grid, z0, order=data.order)
-    observe = lambda z, effort: m.balances().observe(z, effort)  # noqa: E731  # values put in within the loop, as there
+    observe = lambda z, effort: m.balances().observe(z, effort)  # noqa: E731  # within the loop, as in `stepper`
     n_y, bins = data.at_start.shape[1], data.target.shape[0]
     fold = lambda x: x.reshape(bins, data.bin, *x.shape[1:])  # noqa: E731
     ends = (lambda u: (u, u)) if drive.ndim == 2 else (lambda u: (u[0], u[2]))

@@ -1,8 +1,9 @@
 """The balances of a model, evaluated scalar by scalar.
 
 States are kept apart: batched over trials and sensitivities, an integrator that does so compiles to long vector loops.
-Everything that does not change along a trajectory (parameter values, masses) is worked out once, when `Balances` is
-made, so that one step of a simulation holds only what it must.
+Everything that does not change along a trajectory (parameter values, masses) is worked out when `Balances` is made. A
+step of a simulation makes it anew (`scpjax.simulate.simulate.stepper`): of what does not change XLA takes out of the
+loop what is worth it.
 """
 
 from __future__ import annotations

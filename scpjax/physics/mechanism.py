@@ -86,7 +86,7 @@ class Mechanism(eqx.Module):
     law_needs: ClassVar[dict[int, tuple[str, ...]]] = {}  # what a law needs beyond that
     excited_by: ClassVar[str] = ""
     starts: ClassVar[tuple[tuple[float, ...], ...]] = ()  # physical (or time-relative) start values, per parameter
-    impossible: ClassVar[str] = ""  # what its parameters ask for where they are `beyond_physics`
+    impossible: ClassVar[str] = ""  # what parameters that are `beyond_physics` ask for; empty: none are
     learned: ClassVar[bool] = False  # a closure: no physics with a name, and never a candidate for one
 
     @property
@@ -193,7 +193,8 @@ class Mechanism(eqx.Module):
 
     def beyond_physics(self, p: Values, ambient: float | Array) -> Array | float:
         """How much more than nature allows its parameters ask for together in a room of ``ambient`` [K]: above 0, more.
-        What it then is, `impossible` says.
+        One number, also where they have a value per side or per recording; asked only where `impossible` says what it
+        then is.
         """
         return -1.0
 

@@ -96,6 +96,7 @@ class _Matrix(eqx.Module):
         """What can differ from zero of a matrix of few entries; none of others."""
         if self.few is None:
             return []
+        assert self.few.ndim == 2, "a scan takes leading axes away first"
         apart = jax.lax.split(self.few.ravel(), (1,) * self.few.size)
         return [apart[k].reshape(()) for k in self.places]
 

@@ -81,14 +81,17 @@ def test_what_the_user_told_the_compiler_is_left(monkeypatch):
     assert os.environ["XLA_FLAGS"] == f"--xla_cpu_enable_fast_math=false {LOOPS}"
 
 
-@pytest.mark.parametrize(("told", "taken"), [(None, "cpu"), ("cuda", "cuda")])
+@pytest.mark.parametrize(
+    ("told", "taken"),
+    [({}, "cpu"), ({"JAX_PLATFORMS": "cuda"}, "cuda"), ({"JAX_PLATFORM_NAME": "gpu"}, "None")],
+)
 def test_runs_on_the_processor_unless_told_otherwise(told, taken):
     """Also where a command's module has imported JAX, which reads what it is told as it is imported."""
-    others = {k: v for k, v in os.environ.items() if k != "JAX_PLATFORMS"}
+    others = {k: v for k, v in os.environ.items() if not k.startswith("JAX_PLATFORM")}
     asked = "import jax; from scpjax.cli.program import start; start(); print(jax.config.jax_platforms)"
     found = subprocess.run(
         [sys.executable, "-c", asked],
-        env=others if told is None else others | {"JAX_PLATFORMS": told},
+        env=others | told,
         capture_output=True,
         text=True,
         check=True,

@@ -18,7 +18,7 @@ from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.expression import _instead
 from scpjax.diagnose.given_up import beyond_names, form_rather_than_name
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.hypothesis import State
+from scpjax.diagnose.hypothesis import State, grown, trial_at
 from scpjax.diagnose.remainder import AT_NOISE, form_at_most, level
 from scpjax.diagnose.rivals import added
 from scpjax.fit import identifiability
@@ -274,13 +274,30 @@ def test_what_grows_faster_than_nature_allows_by_the_growth_itself(law):
     fastest = grow(lambda t: ((room + t) ** 4 - room**4) / t)
     assert fastest > 1 / 3
     for a, n in ((0.5, 0.3), (1.0, 1.0), (20.0, 0.33), (3.0, 1.5)):
-        assert beyond(a, n) == pytest.approx(grow(lambda t, a=a, n=n: loss(a, n, t)) - fastest, abs=1e-5)
+        assert beyond(a, n) == pytest.approx(grow(lambda t, a=a, n=n: loss(a, n, t)) - fastest - 0.1, abs=1e-5)
     if law == "power":
         assert beyond(20.0, 0.33) < 0.0
     else:
-        assert beyond(black - 1.0, 0.5) == pytest.approx(0.0, abs=1e-9)
-        assert beyond(1.1 * (black - 1.0), 0.5) > 0.0
+        assert beyond(black - 1.0, 0.5) == pytest.approx(-0.1, abs=1e-9)
     assert beyond(3.0, 1.5) > 0.0
+
+
+@pytest.mark.parametrize(("strength", "std", "never"), [(2.0, 0.01, True), (2.0, 0.5, False), (0.2, 0.01, False)])
+def test_only_what_errors_do_not_make_up_for_is_beyond_nature(monkeypatch, strength, std, never):
+    """A loss that grows by the first power, told with such errors of all that was fitted."""
+    base, parts = base_of(recorded(nothing))
+    grown_ = grown(base.setup, NonlinearHeatLoss())
+    value = np.asarray(grown_.starts[0]).copy()
+    index = grown_.structure.index
+    value[index["nonlinear_heat_loss.strength"]], value[index["nonlinear_heat_loss.exponent"]] = strength, 1.0
+    laws = np.zeros(len(grown_.structure.mechanisms))
+    trial = trial_at(grown_, value, laws)
+    space = grown_.space
+    keys = tuple(space.keys[i] for i in np.asarray(trial.index) if i < space.size)
+    error = SimpleNamespace(keys=keys, covariance=std**2 * np.eye(len(keys)))
+    monkeypatch.setattr(doubtful, "uncertainty", lambda *_: error)
+    state = State(grown_, trial, base.residual, base.cost)
+    assert bool(doubtful.impossible(state, parts)) == never
 
 
 def test_a_delay_of_no_time_is_no_name_where_a_force_follows_the_drive(monkeypatch):

@@ -8,6 +8,8 @@ from jaxtyping import Array
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
+FORM = 0.1  # of d ln(loss/T) / d ln(T), left to the form of a law
+
 
 class NonlinearHeatLoss(Mechanism):
     name = "nonlinear_heat_loss"
@@ -72,12 +74,13 @@ class NonlinearHeatLoss(Mechanism):
         return -view.shared["conductance"] * p.strength * growth * view.temperature
 
     def beyond_physics(self, p: Values, ambient: float | Array) -> Array | float:
-        """By how much d ln(loss/T) / d ln(T) at the reference excess is above that of what grows fastest: turbulent
-        natural convection (1/3), or a black body in its room. Of flows side by side it is a mean.
+        """By how much d ln(loss/T) / d ln(T) at the reference excess is above that of what grows fastest once it is
+        there, turbulent natural convection (1/3) or a black body in its room, and a tenth. Of flows side by side it is
+        a mean. The tenth is for a law that is none of these powers, and for air that has yet to begin to move.
         """
         hot = p.reference / ambient
         black = 1.0 + hot * (6.0 + hot * (4.0 + hot)) / 4.0  # loss / T, as a multiple of that of a small excess
         fastest = hot * (6.0 + hot * (8.0 + hot * 3.0)) / 4.0 / black
         radiated = p.strength * hot * (6.0 + hot * (8.0 + hot * 3.0)) / 4.0 / (black - 1.0)
         grows = jnp.where(p.law == 1, radiated, p.strength * p.exponent) / (1.0 + p.strength)
-        return jnp.max(grows - jnp.maximum(fastest, 1.0 / 3.0))
+        return jnp.max(grows - jnp.maximum(fastest, 1.0 / 3.0) - FORM)
