@@ -101,9 +101,13 @@ def progress(arguments: Namespace) -> Iterator[Progress | None]:
 
 
 def say(arguments: Namespace, text: str = "") -> None:
-    """Print for the user, unless quiet."""
-    if not arguments.quiet:
-        print(text)
+    """Print for the user, unless quiet. Where nobody reads on (``| head``) what is being done is done all the same."""
+    if arguments.quiet:
+        return
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def check_folder(out: str) -> Path:

@@ -97,3 +97,18 @@ def test_runs_on_the_processor_unless_told_otherwise(told, taken):
         check=True,
     )
     assert found.stdout.strip() == taken
+
+
+def test_goes_on_where_nobody_reads_what_it_says():
+    """As behind ``| head``: what a command says after that is lost, what it does is not."""
+    lines = "[say(told, 'x' * 1000) for _ in range(200)]"
+    asked = (
+        f"from argparse import Namespace; from scpjax.cli.program import say; told = Namespace(quiet=False); {lines}"
+    )
+    done = f"{asked}; import sys; print('done', file=sys.stderr)"
+    process = subprocess.Popen([sys.executable, "-c", done], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    assert process.stderr.read().strip() == "done"
+    assert process.wait() == 0
