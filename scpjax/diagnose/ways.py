@@ -107,9 +107,9 @@ def try_round(search: Search, way: Branch, round_: int, tell: Callable[[str, int
 
 def one_more(search: Search, found: Tried, ways: int = WAYS) -> list[Branch]:
     """A branch with one mechanism more: the best one, and where that does not reach the noise one that predicts the
-    held-out stretches better still, or is close. One that is pruned as soon as it is fitted afresh is none, nor a rival
-    of what is named in its place, but the others stay where it led them, if that is closer. Out of patience only the
-    best one is followed.
+    held-out stretches better still, or is close. One that is pruned as soon as it is fitted afresh, alone or with what
+    was named before, is none, nor a rival of what is named in its place, but the others stay where it led them, if that
+    is closer. Out of patience only the best one is followed.
     """
     out: list[Branch] = []
     closest = found.way.state
@@ -121,7 +121,7 @@ def one_more(search: Search, found: Tried, ways: int = WAYS) -> list[Branch]:
             break
         left = [o for o in left if o is not c]
         way = named(search, found, c)
-        if set(way.state.names) == set(found.way.state.names):
+        if set(way.state.names) <= set(found.way.state.names):
             closest = min(closest, way.state, key=lambda s: s.cost)
             others = [o for o in found.accepted if o is not c]
             found = replace(found, tried=tuple(o for o in found.tried if o is not c), accepted=others)

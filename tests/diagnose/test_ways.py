@@ -45,10 +45,13 @@ def test_what_predicts_clearly_better_is_followed_as_well(monkeypatch, better, w
     assert asked == [(), ("a",), ("b",) if better < 0.9 else ("d",)]
 
 
-def test_what_is_pruned_as_soon_as_it_is_named_leaves_its_place_to_the_next(monkeypatch):
-    """Beside ``a``, ``b`` promises more than ``c`` by far and is not missed; no round is spent on ``a`` again."""
+@pytest.mark.parametrize(("gone", "left"), [("b", 500.0), ("ab", 1000.0)])
+def test_what_is_pruned_as_soon_as_it_is_named_leaves_its_place_to_the_next(monkeypatch, gone, left):
+    """Beside ``a``, ``b`` promises more than ``c`` by far and is not missed, nor is ``a`` then; no round is spent on
+    ``a`` again, nor on the base.
+    """
     asked = played(monkeypatch, {"a": 500.0, "ab": 100.0, "ac": 300.0, "acd": 1.0})
-    keep = lambda s: Played(tuple(n for n in s.names if n != "b"), 500.0) if "b" in s.names else s  # noqa: E731
+    keep = lambda s: Played(tuple(n for n in s.names if n not in gone), left) if "b" in s.names else s  # noqa: E731
     put(monkeypatch, "prune", lambda state, split, rules, base=None: keep(state))
     found = select.choose(Played((), 1000.0), None, Evidence(), None)  # type: ignore[arg-type]
     assert set(found.state.names) == {"a", "c", "d"}
