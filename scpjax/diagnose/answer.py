@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import starmap
 from typing import Any
 
 import numpy as np
@@ -220,13 +219,15 @@ def _nearest(choice: Choice) -> tuple[str, ...]:
     """Notes on the names that were given up, and on what was learned and left out."""
     names, left = choice.given_up
     rang = (_RANG,) if choice.rang else ()
+    kept = [_beyond(n, asked) for n, asked in choice.overstretched.items() if n not in names]
+    rang = (*(f"named, as nothing else explains it, though it is more than physics allows: {k}" for k in kept), *rang)
     if not names:
         return rang
     why = f"with it {100 * left:.0f} % of the misfit stays"
     if choice.outdone:
         why = "what was learned in their place explains the same, and better"
     elif choice.overstretched:
-        asked = ", ".join(starmap(_beyond, choice.overstretched.items()))
+        asked = ", ".join(_beyond(n, asked) for n, asked in choice.overstretched.items() if n in names)
         why = f"the recordings ask for more than physics allows: {asked}"
     return (f"nearest in the catalogue: {' with '.join(names)}; not named, for {why}", *rang)
 

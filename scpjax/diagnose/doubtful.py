@@ -11,7 +11,8 @@ from scpjax.diagnose.evidence import at_its_least
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
 from scpjax.fit.identifiability import at_limit, estimates, held_back, uncertainty
-from scpjax.physics.mechanism import Mechanism, Values
+from scpjax.fit.problem import unpack
+from scpjax.physics.mechanism import Mechanism
 
 _TOLD = 1.96  # standard errors: a time that is less is not told from none
 
@@ -42,24 +43,22 @@ def asking_for_more(state: State, parts: Split) -> dict[str, tuple[str, ...]]:
 
 def impossible(state: State, parts: Split) -> dict[str, tuple[str, ...]]:
     """Names of which the parameters together are beyond what nature allows, by more than their errors, and what that
-    is. Only where a law fits do its parameters say that much.
+    is; on average where they differ by recording. Only where a law fits do its parameters say that much.
     """
     named = [m for m in state.setup.structure.mechanisms if m.name in state.names and m.impossible]
     if not named:
         return {}
-    structure, space, trial = state.setup.structure, state.setup.space, state.trial
+    space, trial = state.setup.space, state.trial
     error = uncertainty(trial, parts.train, space)
     index = jnp.asarray([space.keys.index(key) for key in error.keys])
     ambient = float(np.mean(np.asarray(state.setup.data.ambient)))
     out = {}
     for m in named:
-        which = structure.mechanisms.index(m)
+        which = state.setup.structure.mechanisms.index(m)
 
         def beyond(moved: Array, m: Mechanism = m, which: int = which) -> Array:
-            free = jnp.asarray(trial.free).at[index].set(moved)
-            physical = space.values(free, jnp.asarray(trial.fixed), jnp.asarray(trial.active))
-            mine = {n: jnp.squeeze(physical[jnp.asarray(at)]) for n, at in structure.places[which]}
-            values = Values(mine | {"law": jnp.asarray(trial.laws[which])})
+            model, _ = unpack(jnp.asarray(trial.free).at[index].set(moved), trial, space)
+            values = model.on_average().balances().values[which]
             return jnp.max(jnp.asarray(m.beyond_physics(values, ambient), float))
 
         by, slope = jax.value_and_grad(beyond)(jnp.asarray(trial.free)[index])

@@ -193,7 +193,7 @@ class Mechanism(eqx.Module):
 
     def beyond_physics(self, p: Values, ambient: float | Array) -> Array | float:
         """How much more than nature allows its parameters ask for together in a room of ``ambient`` [K]: above 0, more.
-        One number, also where they have a value per side or per recording; asked only where `impossible` says what it
+        One number, also where they have a value per side; asked only where `impossible` says what it
         then is.
         """
         return -1.0
