@@ -143,7 +143,7 @@ def form_rather_than_name(parts: Split, base: State, choice: Choice, rules: Evid
         return _told_of(Choice(base, choice.ranking, {}, {}, outdone=not ends), choice, ends, base, parts), alone
     fewer, corrected = _corrected_rather_than_named(parts, base, choice, rules)
     if corrected is None or not is_better(corrected.state, choice.state, parts, rules):
-        return replace(choice, overstretched=never), None
+        return (replace(choice, overstretched=never) if never else choice), None
     return fewer, corrected
 
 
