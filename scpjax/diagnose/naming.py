@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -133,8 +134,10 @@ def _together(choice: Choice) -> tuple[str, ...]:
 
 def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free | None]:
     """What the catalogue's laws explain, or one mechanism by a curve where that does better than a first name; jumps
-    inside gaps timed by the first name and wild samples left out.
+    inside gaps timed by the first name and wild samples left out. Where the search took longer than there is patience
+    left, what it has named is fitted anew without them.
     """
+    began = time.monotonic()
     free: Free | None = None
     timed: Split | None = None
     notes: tuple[str, ...] = ()
@@ -162,12 +165,16 @@ def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free |
         choice = search.choose(base, parts, wild_or_by_curve)
     wild = _wild(choice.state, parts) if some and choice.state.names else np.zeros(())
     if wild.any():
-        beside = choice.state.names[0]
-        notes = (*notes, f"{wild.sum()} more were, which stood out beside {beside}, the first name tried")
+        more = f"{wild.sum()} more were, which stood out beside"
         parts = parts.with_weights(np.where(wild, 0.0, parts.whole.weights))
         trial, _, _ = refine(base.setup, parts.train, base.trial)
         base, free = state_at(base.setup, parts, trial), None
-        choice = search.choose(base, parts, by_curve)
+        if search.patience.allows(time.monotonic() - began):
+            notes = (*notes, f"{more} {choice.state.names[0]}, the first name tried")
+            choice = search.choose(base, parts, by_curve)
+        else:
+            notes = (*notes, f"{more} {' and '.join(choice.state.names)}")
+            choice = replace(choice, state=at_rest(choice.state.setup, parts, [choice.state.trial]))
     if free is None and not choice.state.names:
         by_curve(base)
     return Found(parts, base, choice, notes=notes), free

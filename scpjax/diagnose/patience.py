@@ -20,6 +20,13 @@ class Patience:
         self.ended = True
         return True
 
+    def allows(self, seconds: float) -> bool:
+        """Whether so much is left; asked before what takes that long and may be left: it then is."""
+        if time.monotonic() + seconds < self._until:
+            return True
+        self.ended = True
+        return False
+
     def notes(self) -> tuple[str, ...]:
         """What to tell the user of what was left."""
         if not self.ended:

@@ -130,6 +130,15 @@ class Balances:
                 total = term if total is None else total + term
         return jnp.zeros(self._shape, self.dtype) if total is None else total
 
+    def _scaled(self, hook: str, view: View, owns: list) -> Array:
+        """The sum over a hook, times all factors of it."""
+        whole = self._sum(hook, view, owns)
+        for m, p, own in zip(self.structure.mechanisms, self.values, owns, strict=True):
+            if _has(m, f"{hook}_factor"):
+                view.own = own
+                whole = whole * getattr(m, f"{hook}_factor")(p, view)
+        return whole
+
     def _heat(self, view: View, owns: list) -> None:
         view.power = self._fold("power", jnp.zeros(self._shape, self.dtype), view, owns)
         view.heat = view.power + self._sum("heat", view, owns)
@@ -137,7 +146,9 @@ class Balances:
     def _force(self, view: View, owns: list) -> Array:
         view.actuating = self._fold("actuating_temperature", view.temperature, view, owns)
         view.deflection = self._fold("deflection", view.displacement, view, owns)
-        force = self._net(self._sum("force", view, owns))
+        view.pull = self._scaled("pull", view, owns)
+        view.restoring = self._scaled("restoring", view, owns)
+        force = self._net(view.pull - view.restoring + self._sum("force", view, owns))
         if self.core or not any(_has(m, "resistance") for m in self.structure.mechanisms):
             return force
         return force + self._net(self._sum("resistance", view, owns, self._signed(force)))

@@ -33,7 +33,7 @@ class View:
     """What a mechanism sees of the actuator at one instant; every array has shape (sides,).
 
     Filled in the order of the balances: ``power`` is there when heats are asked for, ``actuating`` and
-    ``deflection`` when forces are.
+    ``deflection`` when pulls are, these when forces are.
     """
 
     ambient: Array  # K, scalar
@@ -48,6 +48,8 @@ class View:
     felt: Array = field(default_factory=lambda: jnp.zeros(()))  # K above ambient, where the sensor touches
     actuating: Array = field(default_factory=lambda: jnp.zeros(()))  # K above ambient, that pulls
     deflection: Array = field(default_factory=lambda: jnp.zeros(()))  # m, that stretches the spring
+    pull: Array = field(default_factory=lambda: jnp.zeros(()))  # N, of warmth
+    restoring: Array = field(default_factory=lambda: jnp.zeros(()))  # N, of the spring
     displaced: Array | float = 0.0  # m, by which it begins beside its equilibrium; in initial() only
     time: Array | float = 0.0  # s since the recording began; for mechanisms with ``timed``
     mass: Array | float = 0.0  # kg, all that moves, scalar
@@ -66,7 +68,8 @@ class Mechanism(eqx.Module):
         drive       effort = effort()(what the recording says)
         electric    power = effort * ... [W]
         energy      (thermal_mass + sum of capacity()) dT/dt = power + sum of heat()  [W]
-        force       mass d2x/dt2       = sum of force() + resistance()  [N]
+        force       mass d2x/dt2       = pull - restoring + sum of force() + resistance()  [N]
+                    pull = (sum of pull()) product of pull_factor();  restoring likewise
         sensors     reading = reading()(states)
         own base    d(state)/dt = its rates() + sum of flows()       (`scpjax.physics.system.System`)
     """
@@ -143,8 +146,24 @@ class Mechanism(eqx.Module):
         """Displacement [m] that the spring feels."""
         return deflection
 
+    def pull(self, p: Values, view: View) -> Side | float:
+        """Force [N] in the direction of contraction that warmth makes."""
+        return 0.0
+
+    def pull_factor(self, p: Values, view: View) -> Side | float:
+        """What is left of all that warmth pulls, as a factor."""
+        return 1.0
+
+    def restoring(self, p: Values, view: View) -> Side | float:
+        """Force [N] against contraction with which the spring that is stretched by ``view.deflection`` answers."""
+        return 0.0
+
+    def restoring_factor(self, p: Values, view: View) -> Side | float:
+        """What is left of all with which the spring answers, as a factor."""
+        return 1.0
+
     def force(self, p: Values, view: View) -> Side | float:
-        """Force [N] in the direction of contraction."""
+        """Any other force [N] in the direction of contraction."""
         return 0.0
 
     def resistance(self, p: Values, view: View, force: Side) -> Side | float:

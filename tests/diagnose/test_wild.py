@@ -3,7 +3,7 @@
 import numpy as np
 from creeping import AMBIENT, BASE
 
-from scpjax.diagnose.diagnose import diagnose
+from scpjax.diagnose.diagnose import DiagnoseOptions, diagnose
 from scpjax.diagnose.holdout import split
 from scpjax.fit.setup import prepare
 from scpjax.physics.catalogue import mechanism
@@ -42,6 +42,17 @@ def test_wild_samples_are_looked_for_again_beside_the_first_name():
     assert beside_base > 0
     assert beside_name > 0
     assert WILD - 2 <= beside_base + beside_name <= WILD + 2
+
+
+def test_what_is_named_is_fitted_anew_without_them_where_the_search_took_longer_than_is_left():
+    found = diagnose([lagging()], options=DiagnoseOptions(patience=0.0))
+    assert [m.name for m in found.mechanisms] == ["sensor_lag"]
+    told = next(note for note in found.notes if "more were" in note)
+    assert told.endswith("which stood out beside sensor_lag")
+    assert any("the search was ended" in note for note in found.notes)
+    time_constant = found.mechanisms[0].parameters["time_constant"]
+    assert time_constant.low < 1.5 < time_constant.high
+    assert found.extended.held_out["temperature_degC"]["rmse"] < 1.15 * NOISE
 
 
 def test_samples_left_out_leave_the_stretches_as_they_were():

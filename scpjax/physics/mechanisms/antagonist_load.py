@@ -119,11 +119,15 @@ class AntagonistLoad(Mechanism):
         if view.radius:  # there is one link, and the agonist raises it
             raised = jnp.sin(p.angle + view.displacement / view.radius) - jnp.sin(p.angle)
             pull = jnp.where(p.law == 3, raised * jnp.array([1.0, 0.0]), pull)
-            harder = p.excess * view.shared["coefficient"] * view.actuating * jnp.array([0.0, 1.0])
-        else:
-            harder = 0.0
         back = p.strength * view.shared["stiffness"] * p.reference * pull
-        return jnp.where(p.law > 3, harder, -back)
+        return jnp.where(p.law > 3, 0.0, -back)
+
+    def pull(self, p: Values, view: View) -> Side | float:
+        """Of the antagonist of a joint, that pulls harder."""
+        if not view.radius:
+            return jnp.zeros_like(view.displacement)
+        harder = p.excess * view.shared["coefficient"] * view.actuating * jnp.array([0.0, 1.0])
+        return jnp.where(p.law > 3, harder, 0.0)
 
     def resistance(self, p: Values, view: View, force: Side) -> Side:
         """Of the springs that engage, at the displacement that a step would end at: y beyond the onset.

@@ -18,17 +18,19 @@ class DriveDeadZone(Mechanism):
     subsystem = "drive"
     equation = (
         "law threshold: V_wire = max(|V| - V_0, 0), corner rounded over w V_0;  "
-        "law gate: V_wire = V / sqrt(1 + (V_0/V)^(2 n)): V well above V_0, nothing well below"
+        "law gate: V_wire = V / sqrt(1 + (V_0/V)^(2 n)): V well above V_0, nothing well below;  "
+        "law gate, shouldered: V_wire = V (1 + (V_0/V)^(a n))^(-1/a), which is law gate for a = 2"
     )
     source = (
         "dead zone of an actuator: Tao, Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities "
-        "(1996), ch. 2; threshold: base-emitter drop of a Darlington stage; gate: undervoltage lockout of a driver"
+        "(1996), ch. 2; threshold: base-emitter drop of a Darlington stage; gate: undervoltage lockout of a driver, "
+        "its form Burr's type III: Burr, Ann. Math. Stat. 13 (1942) 215"
     )
     says = "Nothing reaches the wire until the drive exceeds a threshold."
     needs = ("electric",)
     excited_by = "small drives beside large ones"
-    laws = ("threshold", "gate")
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"sharpness": (1,), "corner": (0,)}
+    laws = ("threshold", "gate", "gate, shouldered")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"sharpness": (1, 2), "corner": (0,), "shoulder": (2,)}
     parameters = (
         Parameter(
             name="threshold",
@@ -44,7 +46,7 @@ class DriveDeadZone(Mechanism):
             name="sharpness",
             symbol="n",
             unit="1",
-            description="how sharply the gate opens (law gate)",
+            description="how sharply the gate opens (laws gate)",
             typical=8.0,
             bounds=(1.5, 500.0),
             null=8.0,
@@ -61,6 +63,16 @@ class DriveDeadZone(Mechanism):
             spread=1.0,
         ),
         Parameter(
+            name="shoulder",
+            symbol="a",
+            unit="1",
+            description="how much sooner it is wide open than it closes (law gate, shouldered)",
+            typical=2.0,
+            bounds=(0.2, 40.0),
+            null=2.0,
+            spread=0.7,
+        ),
+        Parameter(
             name="reference",
             symbol="V_ref",
             unit="V",
@@ -71,15 +83,16 @@ class DriveDeadZone(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.1, 8.0, 0.1, 0.0), (0.35, 8.0, 0.1, 0.0))
+    starts = ((0.1, 8.0, 0.1, 2.0, 0.0), (0.35, 8.0, 0.1, 2.0, 0.0))
 
     def effort(self, p: Values, view: View, effort: Side) -> Side:
         limit = p.threshold * p.reference
         volts = root(jnp.maximum(effort, 0.0))  # what a dead time shifts may fall short of 0 by rounding
         passed = 1.0 - clipped(volts, limit, p.corner * limit) / volts
         relative = (volts * volts + LEAST * p.reference**2) / (limit * limit + 1e-30)
-        gate = jax.nn.sigmoid(p.sharpness * jnp.log(relative))
-        return effort * jnp.where(p.law == 0, passed * passed, gate)
+        shoulder = jnp.where(p.law == 1, 2.0, p.shoulder)
+        closing = jax.nn.softplus(-0.5 * shoulder * p.sharpness * jnp.log(relative))
+        return effort * jnp.where(p.law == 0, passed * passed, jnp.exp(-2.0 / shoulder * closing))
 
     def effort_for(self, p: Values, view: View, effort: Side) -> Side:
         limit = p.threshold * p.reference

@@ -22,5 +22,5 @@ class ElasticSpring(Mechanism):
         ),
     )
 
-    def force(self, p: Values, view: View) -> Side:
-        return -p.stiffness * view.deflection
+    def restoring(self, p: Values, view: View) -> Side:
+        return p.stiffness * view.deflection

@@ -18,8 +18,8 @@ class Fatigue(Mechanism):
     title = "The coil tires"
     subsystem = "thermomechanical"
     equation = (
-        "F = C T (1 - b (1 - exp(-a w/b))), w = 0 at the start;  law strokes: dw/dt = |v|/(10 x_ref);  "
-        "law heat: dw/dt = (max(T, 0)/T_ref)^n / t_ref;  law time: w = t/t_ref;  "
+        "F = P (1 - b (1 - exp(-a w/b))), P all that warmth pulls, w = 0 at the start;  "
+        "law strokes: dw/dt = |v|/(10 x_ref);  law heat: dw/dt = (max(T, 0)/T_ref)^n / t_ref;  law time: w = t/t_ref;  "
         "law onset: dw/dt = (tanh((T/T_ref - c)/d) + tanh(c/d))/2 / t_ref;  "
         "law Arrhenius: dw/dt = exp(E (1/(T_amb + T_ref) - 1/(T_amb + T))) / t_ref;  "
         "law thermal cycles: dw/dt = |dT/dt|/(10 T_ref)"
@@ -139,9 +139,9 @@ class Fatigue(Mechanism):
     )
     starts = ((0.3, 0.6, 1.0, 0.4, 0.15, 5000.0, 0.0, 0.0, 0.0),)
 
-    def force(self, p: Values, view: View) -> Side:
+    def pull_factor(self, p: Values, view: View) -> Side:
         wear = p.loss * jnp.where(p.law == 2, view.time / p.reference_time, view.own[0])
-        return view.shared["coefficient"] * view.actuating * p.most * jnp.expm1(-wear / p.most)
+        return 1.0 + p.most * jnp.expm1(-wear / p.most)
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
         strokes = jnp.abs(view.velocity) / (STROKES * p.reference)

@@ -15,7 +15,7 @@ SHARES = (1.0, 0.6, 0.25)  # widths of the plays, as shares of the widest
 DECAY = 0.5  # how much less the wider ones weigh
 PLAYS = tuple(share * math.exp(-DECAY * share) / sum(math.exp(-DECAY * other) for other in SHARES) for share in SHARES)
 SHARP = 8.0  # sharpness of the corners of plays
-PREISACH = 5
+THERMAL, PREISACH = 3, 5  # the first of the laws that are part of what warmth pulls
 
 
 class Hysteresis(Mechanism):
@@ -151,7 +151,14 @@ class Hysteresis(Mechanism):
         at = jnp.tanh((view.temperature / p.reference_temperature - p.centre) / p.span)
         return p.span * (at + jnp.tanh(p.centre / p.span)), 1.0 - at**2
 
+    def pull(self, p: Values, view: View) -> Side:
+        return jnp.where(p.law >= THERMAL, self._held(p, view), 0.0)
+
     def force(self, p: Values, view: View) -> Side:
+        return jnp.where(p.law >= THERMAL, 0.0, self._held(p, view))
+
+    def _held(self, p: Values, view: View) -> Side:
+        """Force [N] of the element."""
         stretches = [jnp.clip(z, -OVER, OVER) for z in view.own]
         weights = _weights(p)
         played = sum(weight * z for weight, z in zip(weights, stretches, strict=True))
@@ -164,7 +171,7 @@ class Hysteresis(Mechanism):
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
         warming = view.warming / p.reference_temperature
-        moved = jnp.where(p.law >= 3, warming, view.velocity / p.reference)
+        moved = jnp.where(p.law >= THERMAL, warming, view.velocity / p.reference)
         moved = jnp.where(p.law == PREISACH, self._sigmoid(p, view)[1] * warming, moved)
         first, *others = (jnp.clip(z, -OVER, OVER) for z in view.own)
         rate = moved / p.width

@@ -116,7 +116,7 @@ class NonlinearStiffness(Mechanism):
     )
     starts = ((0.1, 0.1, 0.1, 4.0, 0.3, 0.4, 0.0), (-0.1, -0.1, -0.1, 4.0, -0.3, 0.6, 0.0))
 
-    def force(self, p: Values, view: View) -> Side:
+    def restoring(self, p: Values, view: View) -> Side:
         relative = view.deflection / p.reference
         # the small floor keeps the derivative of |x|^n finite at x = 0, far below any sensor's resolution
         size = jnp.sqrt(relative**2 + 1e-10)
@@ -127,4 +127,4 @@ class NonlinearStiffness(Mechanism):
         )
         beyond = p.engaged * ramp(size, p.knee, jnp.asarray(ROUND, size.dtype)) / size
         change = jnp.where(p.law == BILINEAR, beyond, change)
-        return -view.shared["stiffness"] * view.deflection * change
+        return view.shared["stiffness"] * view.deflection * change

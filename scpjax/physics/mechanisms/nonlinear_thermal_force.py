@@ -82,7 +82,7 @@ class NonlinearThermalForce(Mechanism):
     )
     starts = ((0.4, 0.4, 0.2, 0.0), (-0.3, 0.5, 0.2, 0.0))
 
-    def force(self, p: Values, view: View) -> Side:
+    def pull(self, p: Values, view: View) -> Side:
         t = view.actuating / p.reference
         quadratic = p.growth * t * t
         saturating = t / jnp.sqrt(jnp.maximum(1.0 + p.growth * t * t, 0.05)) - t

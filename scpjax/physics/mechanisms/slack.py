@@ -19,11 +19,10 @@ class Slack(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "law tendon: the sensor's side moves by x - clip(x, -g, g);  "
-        "law pull: F = C T - clip(C T, -k g, k g);  corners of both "
-        "rounded over w g;  "
-        "law toe: F = C T |C T| / (4 k g) up to C T = 2 k g, C T - k g beyond;  law cables, of a joint: "
-        "F = max(C T - k (x + g), 0) in place of C T - k x, for each side, rounded over k g/50; what "
-        "else pushes still does"
+        "law pull: F = P - clip(P, -k g, k g), P all that warmth pulls;  corners of both rounded over w g;  "
+        "law toe: F = P |P| / (4 k g) up to P = 2 k g, P - k g beyond;  law cables, of a joint: "
+        "F = max(P - S - k g, 0) in place of P - S, S all with which the spring answers, for each side, rounded over "
+        "k g/50; what else pushes still does"
     )
     source = (
         "dead zone of a slack cable: Tao, Kokotovic, Adaptive Control of Systems with Actuator and Sensor "
@@ -77,13 +76,12 @@ class Slack(Mechanism):
 
     def force(self, p: Values, view: View) -> Side:
         gap = p.gap * p.reference * view.shared["stiffness"]
-        pull = view.shared["coefficient"] * view.actuating
+        pull = view.pull
         idle = jnp.where(p.law == 1, gap, 0.0)
         taut = 2.0 * jnp.where((p.law == 2) & (gap > 0), gap, 1.0)
         toe = jnp.clip(pull, -taut, taut)
         toe = jnp.where((p.law == 2) & (gap > 0), toe - toe * jnp.abs(toe) / (2.0 * taut), 0.0)
-        spring = view.shared["stiffness"] * view.deflection
-        whole = pull - spring
+        whole = pull - view.restoring
         beyond = whole - gap
         held = 0.5 * (beyond + root(beyond * beyond + (ROUND * gap) ** 2))
         cable = jnp.where((p.law == CABLES) & (gap > 0), held - whole, 0.0)

@@ -25,5 +25,5 @@ class ThermalActuation(Mechanism):
         ),
     )
 
-    def force(self, p: Values, view: View) -> Side:
+    def pull(self, p: Values, view: View) -> Side:
         return p.coefficient * view.actuating

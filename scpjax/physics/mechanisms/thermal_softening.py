@@ -17,9 +17,9 @@ class ThermalSoftening(Mechanism):
     title = "The hot coil is softer"
     subsystem = "thermomechanical"
     equation = (
-        "law linear: F = -k x (1 - a T/T_ref);  law glass transition: F = -k x (1 - a s(T)), "
-        "s = (1 + tanh((T - T_g)/w))/2 less what that is at T = 0;  law exponential: F = -k x exp(-a T/T_ref);  "
-        "law WLF: F = -k x exp(-a r (1 + T_g)/max(T_g + r, 1/20)), r = T/T_ref"
+        "law linear: F = -S (1 - a T/T_ref), S all with which the spring answers;  law glass transition: "
+        "F = -S (1 - a s(T)), s = (1 + tanh((T - T_g)/w))/2 less what that is at T = 0;  law exponential: "
+        "F = -S exp(-a T/T_ref);  law WLF: F = -S exp(-a r (1 + T_g)/max(T_g + r, 1/20)), r = T/T_ref"
     )
     source = (
         "modulus of nylon against temperature, halved through its glass transition at 40 to 60 degC: "
@@ -78,9 +78,9 @@ class ThermalSoftening(Mechanism):
     )
     starts = ((0.3, 0.4, 0.15, 0.0),)
 
-    def force(self, p: Values, view: View) -> Side:
+    def restoring_factor(self, p: Values, view: View) -> Side:
         t = view.actuating / p.reference
         lost = p.softening * jnp.where(p.law == 0, t, rise(t, p.transition, p.width))
         shift = jnp.where(p.law == WLF, t * (1.0 + p.transition) / jnp.maximum(p.transition + t, _COLDEST), t)
         lost = jnp.where(p.law >= 2, -jnp.expm1(-p.softening * shift), lost)
-        return view.shared["stiffness"] * view.deflection * jnp.minimum(lost, 0.98)
+        return 1.0 - jnp.minimum(lost, 0.98)
