@@ -48,7 +48,7 @@ ACTIVE = {
         "reference": 0.0025,
         "reference_temperature": 20.0,
     },
-    "drive_dead_zone": {"threshold": 0.3, "sharpness": 5.0, "corner": 0.2, "reference": 10.0},
+    "drive_dead_zone": {"threshold": 0.3, "sharpness": 5.0, "corner": 0.2, "shoulder": 3.0, "reference": 10.0},
     "fatigue": {
         "loss": 0.8,
         "most": 0.6,
@@ -78,6 +78,9 @@ ACTIVE = {
         "exponent": 3.0,
         "engaged": 0.5,
         "knee": 0.1,
+        "steepness": 2.0,
+        "nearness": 0.9,
+        "abruptness": 1.5,
     },
     "resistance_temperature": {"coefficient": 0.004, "curvature": 0.3},
     "sensor_drift": {

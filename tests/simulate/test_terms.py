@@ -24,8 +24,9 @@ def sagging(law):
 def dead_zone(law):
     def reaching(t, z, u):
         v = np.sqrt(u)
-        if law == 1:
-            return u / (1 + (3.0 / v) ** 10) / R if v > 0 else 0.0
+        if law > 0:
+            shoulder = (2.0, 3.0)[law - 1]
+            return u * (1 + (3.0 / v) ** (5.0 * shoulder)) ** (-2.0 / shoulder) / R if v > 0 else 0.0
         return (v - (HOOK(v + 3, 0.6) - HOOK(v - 3, 0.6)) / 2) ** 2 / R
 
     return plant(power=reaching)
@@ -111,7 +112,7 @@ def drifting_sensor(_law):
 
 TERMS = {
     "supply_sag": (sagging, 10),
-    "drive_dead_zone": (dead_zone, 2),
+    "drive_dead_zone": (dead_zone, 3),
     "ambient_drift": (drifting_room, 4),
     "nonlinear_thermal_force": (bent_force, 5),
     "thermal_softening": (softening, 4),

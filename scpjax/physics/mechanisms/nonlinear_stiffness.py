@@ -8,8 +8,12 @@ from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 from scpjax.physics.smooth import ramp
 
-BILINEAR = 2
+BILINEAR, EXPONENTIAL, LIMITED = 2, 3, 4
 ROUND = 0.02  # of the reference displacement, over which the knee of law bilinear is rounded
+_LEAST = 0.05  # of what law limited divides by
+_FLAT = 1e-3  # of that exponent, below which a series has all digits that matter
+_NONE = 1e-6  # of a nearness, where it is none: its power has a derivative
+_MOST = 30.0  # of the exponent of law exponential
 
 
 class NonlinearStiffness(Mechanism):
@@ -18,17 +22,20 @@ class NonlinearStiffness(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "law polynomial: F = -k x (a (x/x_ref) + b (x/x_ref)^2);  law power: F = -k x c |x/x_ref|^n;  "
-        "law bilinear: F = -k d sign(x) max(|x| - g x_ref, 0), rounded over x_ref/50"
+        "law bilinear: F = -k d sign(x) max(|x| - g x_ref, 0), rounded over x_ref/50;  "
+        "law exponential: F = -k x_ref (exp(e x/x_ref) - 1)/e in place of -k x;  "
+        "law limited: F = -k x/(1 - |h x/x_ref|^m) in place of -k x, divided by no less than 1/20"
     )
     source = (
         "Duffing spring; coil geometry: thesis 3.3.5, references 29-31 there; "
         "power: truly nonlinear oscillators, Mickens, World Scientific 2010, ch. 1; bilinear: a second spring that "
-        "engages on the way, Shaw, Holmes, J. Sound Vib. 90 (1983) 129"
+        "engages on the way, Shaw, Holmes, J. Sound Vib. 90 (1983) 129; exponential: Fung, Am. J. Physiol. 213 (1967) "
+        "1532; limited: a chain near its full length, m = 2: Warner, Ind. Eng. Chem. Fundam. 11 (1972) 379"
     )
     says = "The further the coil has moved, the stiffer (or softer) it is."
     needs = ("mechanical",)
     excited_by = "large and small amplitudes"
-    laws = ("polynomial", "power", "bilinear")
+    laws = ("polynomial", "power", "bilinear", "exponential", "limited")
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {
         "quadratic": (0,),
         "cubic": (0,),
@@ -36,6 +43,9 @@ class NonlinearStiffness(Mechanism):
         "exponent": (1,),
         "engaged": (BILINEAR,),
         "knee": (BILINEAR,),
+        "steepness": (EXPONENTIAL,),
+        "nearness": (LIMITED,),
+        "abruptness": (LIMITED,),
     }
     parameters = (
         Parameter(
@@ -104,6 +114,37 @@ class NonlinearStiffness(Mechanism):
             spread=0.7,
         ),
         Parameter(
+            name="steepness",
+            symbol="e",
+            unit="1",
+            description="logarithm of what the stiffness grows by up to the reference displacement (law exponential)",
+            typical=0.0,
+            bounds=(-3.0, 6.0),
+            null=0.0,
+            scale="linear",
+            spread=1.0,
+        ),
+        Parameter(
+            name="nearness",
+            symbol="h",
+            unit="1",
+            description="the reference displacement as a share of that which it cannot reach (law limited)",
+            typical=0.4,
+            bounds=(0.003, 0.98),
+            null=0.0,
+            spread=1.0,
+        ),
+        Parameter(
+            name="abruptness",
+            symbol="m",
+            unit="1",
+            description="how late the stiffness grows on the way there (law limited)",
+            typical=2.0,
+            bounds=(0.5, 12.0),
+            null=2.0,
+            spread=0.7,
+        ),
+        Parameter(
             name="reference",
             symbol="x_ref",
             unit="m",
@@ -114,7 +155,10 @@ class NonlinearStiffness(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.1, 0.1, 0.1, 4.0, 0.3, 0.4, 0.0), (-0.1, -0.1, -0.1, 4.0, -0.3, 0.6, 0.0))
+    starts = (
+        (0.1, 0.1, 0.1, 4.0, 0.3, 0.4, 0.5, 0.4, 2.0, 0.0),
+        (-0.1, -0.1, -0.1, 4.0, -0.3, 0.6, -0.5, 0.7, 1.0, 0.0),
+    )
 
     def restoring(self, p: Values, view: View) -> Side:
         relative = view.deflection / p.reference
@@ -127,4 +171,11 @@ class NonlinearStiffness(Mechanism):
         )
         beyond = p.engaged * ramp(size, p.knee, jnp.asarray(ROUND, size.dtype)) / size
         change = jnp.where(p.law == BILINEAR, beyond, change)
+        rate = p.steepness * relative
+        flat = jnp.abs(rate) < _FLAT
+        safe = jnp.minimum(jnp.where(flat, 1.0, rate), _MOST)
+        steeper = jnp.where(flat, rate * (0.5 + rate / 6.0), jnp.expm1(safe) / safe - 1.0)
+        near = jnp.minimum((jnp.maximum(p.nearness, _NONE) * size) ** p.abruptness, 1.0 - _LEAST)
+        change = jnp.where(p.law == EXPONENTIAL, steeper, change)
+        change = jnp.where((p.law == LIMITED) & (p.nearness > 0), near / (1.0 - near), change)
         return view.shared["stiffness"] * view.deflection * change
