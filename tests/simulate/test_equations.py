@@ -84,7 +84,13 @@ def duffing(law):
         beyond = (abs(r) + HOOK(abs(r) - 0.1, 0.02) - HOOK(0.1, 0.02)) / 2
         near = abs(0.9 * r) ** 1.5
         steeper = np.expm1(2.0 * r) / (2.0 * r) - 1 if r else 0.0
-        changes = 0.3 * r + 0.4 * r**2, 5.0 * abs(r) ** 3.0, 0.5 * beyond / max(abs(r), 1e-12), steeper, near / (1 - near)
+        changes = (
+            0.3 * r + 0.4 * r**2,
+            5.0 * abs(r) ** 3.0,
+            0.5 * beyond / max(abs(r), 1e-12),
+            steeper,
+            near / (1 - near),
+        )
         change = changes[law]
         return [(u / R - LAM * t) / C_TH, *mechanics(x, v, t, K * x * (1 + change))]
 

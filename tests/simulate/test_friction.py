@@ -33,7 +33,7 @@ def rubbed(recording, strength, law=0):
             t, x, v = z
             u = abs(v) / slow
             sliding = 2 * u / (1 + u + np.sqrt((1 - u) ** 2 + 0.4 * u)) * np.sign(v)
-            most = dry * (1 + law * 0.3 / (1 + (u / 10) ** 2))
+            most = dry * (1 + law * 0.3 * np.exp(-((u / 10) ** 2)))
             force = 0.022 * t - K * x - 8 * v - most * sliding
             return [(volts**2 / 1.2 - 0.14 * t) / 1.2, v, force / 0.3]
 

@@ -1,8 +1,9 @@
-"""Something that pulls back: a spring that engages on the way, a rubber band, another muscle, the weight of a link."""
+"""Something that pulls back: a spring that engages on the way, a rubber band, another muscle, a weight."""
 
 from typing import ClassVar
 
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
@@ -10,6 +11,7 @@ from scpjax.physics.smooth import ramp
 
 ROUND = 0.02  # of the reference displacement: how gradually a spring engages
 STRETCHED = 1.1  # stretch of the rubber band at rest: it never hangs loose
+UNEVEN, LIFTED = (4, 5), 6
 SHORTEST = 0.3  # least stretch that the law of rubber is used for
 
 
@@ -22,13 +24,15 @@ class AntagonistLoad(Mechanism):
         "law rubber band: F = -a k L (f(s) - f(s_0)), f = (s - 1/s^2)(1 + 1/s)/f'(s_0), s = s_0 + x/L, s_0 = 1.1;  "
         "law link: F = -a k x_ref (sin(phi_0 + x/r) - sin(phi_0)) on a joint whose pulley has the radius r;  "
         "law uneven: the antagonist pulls with c (1 + g);  law uneven, one-sided spring: and, stretched beyond x_0, "
-        "is such a spring"
+        "is such a spring;  law lifted weight: F = -a k x_ref (1 - exp(-x/x_0)) where x > 0, rounded over x_ref/50, of "
+        "the agonist of a joint"
     )
     source = (
         "unilateral spring: Shaw, Holmes, J. Sound Vib. 90 (1983) 129; Hertzian hardening: Johnson, Contact Mechanics; "
         "rubber: Mooney, J. Appl. Phys. 11 (1940) 582, with equal constants; "
         "link: the gravity torque of a pendulum, Spong, Hutchinson, Vidyasagar, Robot Modeling and Control, ch. 7; "
-        "uneven: two muscles of one joint with coefficients of their own in thesis (3.7)"
+        "uneven: two muscles of one joint with coefficients of their own in thesis (3.7); lifted weight: what a "
+        "yielding support no longer carries, unilateral contact: Johnson, Contact Mechanics"
     )
     says = (
         "A second spring, a rubber band, another muscle or the weight of what a joint raises takes up part of the "
@@ -36,11 +40,19 @@ class AntagonistLoad(Mechanism):
     )
     needs = ("mechanical",)
     excited_by = "steady states from small to large displacements"
-    laws = ("one-sided spring", "hardening", "rubber band", "link", "uneven", "uneven, one-sided spring")
+    laws = (
+        "one-sided spring",
+        "hardening",
+        "rubber band",
+        "link",
+        "uneven",
+        "uneven, one-sided spring",
+        "lifted weight",
+    )
     law_needs: ClassVar[dict[int, tuple[str, ...]]] = {3: ("joint",), 4: ("joint", "thermal"), 5: ("joint", "thermal")}
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {
-        "strength": (0, 1, 2, 3, 5),
-        "onset": (0, 1, 5),
+        "strength": (0, 1, 2, 3, 5, LIFTED),
+        "onset": (0, 1, 5, LIFTED),
         "length": (2,),
         "angle": (3,),
         "excess": (4, 5),
@@ -51,7 +63,7 @@ class AntagonistLoad(Mechanism):
             symbol="a",
             unit="1",
             description="stiffness as a share of k: engaged, at the reference displacement beyond its onset, or of the "
-            "rubber band at rest; pull of the link's weight, held level, as a share of k x_ref",
+            "rubber band at rest; pull of a weight (of the link, held level), as a share of k x_ref",
             typical=0.5,
             bounds=(0.003, 300.0),
             null=0.0,
@@ -61,7 +73,8 @@ class AntagonistLoad(Mechanism):
             name="onset",
             symbol="x_0",
             unit="1",
-            description="displacement at which it engages, as a share of the reference displacement",
+            description="displacement at which it engages, or at which two thirds of a weight hang, as a share of the "
+            "reference displacement",
             typical=0.5,
             bounds=(0.01, 1.5),
             null=0.5,
@@ -115,19 +128,23 @@ class AntagonistLoad(Mechanism):
     def force(self, p: Values, view: View) -> Side:
         stretch = jnp.maximum(STRETCHED + view.displacement / (p.reference * p.length), SHORTEST)
         rubber = p.length * (_rubber(stretch) - _rubber(STRETCHED)) / _SLOPE
+        off = ramp(view.displacement / p.reference, jnp.zeros_like(p.onset), jnp.asarray(ROUND, p.onset.dtype))
+        hanging = -jnp.expm1(-off / p.onset)
         pull = jnp.where(p.law == 2, rubber, 0.0)
         if view.radius:  # there is one link, and the agonist raises it
             raised = jnp.sin(p.angle + view.displacement / view.radius) - jnp.sin(p.angle)
-            pull = jnp.where(p.law == 3, raised * jnp.array([1.0, 0.0]), pull)
+            agonist = jnp.array([1.0, 0.0])
+            pull, hanging = jnp.where(p.law == 3, raised * agonist, pull), hanging * agonist
+        pull = jnp.where(p.law == LIFTED, hanging, pull)
         back = p.strength * view.shared["stiffness"] * p.reference * pull
-        return jnp.where(p.law > 3, 0.0, -back)
+        return jnp.where(_uneven(p), 0.0, -back)
 
     def pull(self, p: Values, view: View) -> Side | float:
         """Of the antagonist of a joint, that pulls harder."""
         if not view.radius:
             return jnp.zeros_like(view.displacement)
         harder = p.excess * view.shared["coefficient"] * view.actuating * jnp.array([0.0, 1.0])
-        return jnp.where(p.law > 3, harder, 0.0)
+        return jnp.where(_uneven(p), harder, 0.0)
 
     def resistance(self, p: Values, view: View, force: Side) -> Side:
         """Of the springs that engage, at the displacement that a step would end at: y beyond the onset.
@@ -149,6 +166,11 @@ class AntagonistLoad(Mechanism):
         if view.radius:  # under law uneven, one-sided spring, by the antagonist alone
             engaged = jnp.where((p.law == 5) & (jnp.arange(2) == 1), 0.0, engaged)
         return jnp.where((p.law < 2) | (p.law == 5), -back, 0.0) * p.reference * engaged
+
+
+def _uneven(p: Values) -> Array:
+    """Whether it is one of the laws under which a joint's muscles pull differently."""
+    return (p.law == UNEVEN[0]) | (p.law == UNEVEN[1])
 
 
 def _rubber(s: Side | float) -> Side | float:

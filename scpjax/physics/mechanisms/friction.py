@@ -9,7 +9,6 @@ from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
 CORNER = 0.1  # makes s(u) tanh(u) to within 0.05
 OVER = 1.05  # |z| stays below 1 but for the integrator's overshoot, which is cut off here
-FASTER = 10.0  # velocity, in velocity scales, at which half of the extra friction at rest is gone
 
 
 class Friction(Mechanism):
@@ -18,8 +17,8 @@ class Friction(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "F = -F_c s(v/v_s), F_c = f k x_ref, v_s = x_ref/t_s, and s, nearly tanh, by u = s + 0.1 s |s|/(1 - |s|);  "
-        "law Stribeck: F_c (1 + b / (1 + (v/(10 v_s))^2));  law Dahl: F = -F_c z, dz/dt = (v - |v| z)/(w x_ref);  "
-        "law LuGre: F = -F_c z, dz/dt = (v - |v| z/(1 + b exp(-(v/(10 v_s))^2)))/(w x_ref)"
+        "law Stribeck: F_c (1 + b exp(-(v/(c v_s))^2));  law Dahl: F = -F_c z, dz/dt = (v - |v| z)/(w x_ref);  "
+        "law LuGre: F = -F_c z, dz/dt = (v - |v| z/(1 + b exp(-(v/(c v_s))^2)))/(w x_ref)"
     )
     source = (
         "Coulomb and Stribeck friction: Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083; "
@@ -34,6 +33,7 @@ class Friction(Mechanism):
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {
         "velocity_time": (0, 1, 3),
         "static": (1, 3),
+        "faster": (1, 3),
         "presliding": (2, 3),
     }
     states = ("presliding_stretch",)
@@ -70,6 +70,17 @@ class Friction(Mechanism):
             spread=1.0,
         ),
         Parameter(
+            name="faster",
+            symbol="c",
+            unit="1",
+            description="velocity at which two thirds of the extra friction at rest are gone, in velocity scales (laws "
+            "Stribeck and LuGre)",
+            typical=10.0,
+            bounds=(1.0, 300.0),
+            null=10.0,
+            spread=1.0,
+        ),
+        Parameter(
             name="presliding",
             symbol="w",
             unit="1",
@@ -91,7 +102,7 @@ class Friction(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.05, 30.0, 0.3, 0.03, 0.0), (0.2, 30.0, 0.3, 0.1, 0.0))
+    starts = ((0.05, 30.0, 0.3, 10.0, 0.03, 0.0), (0.2, 30.0, 0.3, 10.0, 0.1, 0.0))
 
     def force(self, p: Values, view: View) -> Side:
         most = OVER * self._most(p)
@@ -100,7 +111,7 @@ class Friction(Mechanism):
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
         rate, most = view.velocity / (p.presliding * p.reference), self._most(p)
-        past = view.velocity * p.velocity_time / (FASTER * p.reference)
+        past = view.velocity * p.velocity_time / (p.faster * p.reference)
         slips = 1.0 + (most - 1.0) * jnp.exp(-jnp.square(past))
         # under other laws, and left out, the contact rests: a step might be too long for it
         gives = (p.law > 1) & (p.strength > 0)
@@ -127,8 +138,8 @@ class Friction(Mechanism):
         step, still = view.step, jnp.ones_like(view.velocity)
         slow = p.reference / p.velocity_time
         dry = jnp.where(p.law > 1, 0.0, p.strength * view.shared["stiffness"] * p.reference)
-        past = view.velocity / (FASTER * slow)
-        dry = jnp.where(p.law == 1, dry * (1.0 + p.static / (1.0 + past * past)), dry)
+        past = view.velocity / (p.faster * slow)
+        dry = jnp.where(p.law == 1, dry * (1.0 + p.static * jnp.exp(-past * past)), dry)
         damping, stiffness = (jnp.sum(view.shared[name] * still) for name in ("damping", "stiffness"))
         ahead = jnp.maximum(view.mass + 0.5 * step * damping, step * step * stiffness)  # a, times the step
         held, viscous = step * jnp.sum(dry * still), ahead * slow
