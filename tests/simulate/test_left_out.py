@@ -72,6 +72,7 @@ def test_both_actuators_of_a_joint_tire_one_supply(law):
         ("supply_sag", 2, {"sag": 0.3, "time_constant": 2.0, "reference": 5.0}, 0.03),
         ("supply_sag", 4, {"sag": 0.3, "time_constant": 2.0, "reference": 5.0}, 0.03),
         ("supply_sag", 6, {"sag": 0.2, "time_constant": 2.0, "reference": 5.0}, 0.03),
+        ("supply_sag", 10, {"sag": 0.2, "time_constant": 2.0, "reference": 5.0}, 0.03),
         ("input_delay", 1, {"time": 1.5, "share": 0.8}, 1e-4),
     ],
 )
@@ -149,7 +150,7 @@ def test_every_mechanism_vanishes_in_a_joint():
 # -- limits and edges ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("law", [0, 1, 2, 4, 8])
+@pytest.mark.parametrize("law", [0, 1, 2, 4, 8, 10])
 def test_what_a_dead_time_brings_over_is_what_the_supply_must_be_asked_for(law):
     model = with_active(extended(PLANT.structure, "supply_sag"), "supply_sag", law)
     z = list(model.initial(WARM))

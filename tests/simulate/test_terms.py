@@ -17,7 +17,7 @@ def sagging(law):
         return (max(volts - 0.4 * 10 * drawn, 0.0) if law in (4, 7) else volts * (1 - 0.4 * drawn)) ** 2
 
     def fill(t, z, u):
-        given = np.sqrt(left(z, u)) / 10
+        given = np.sqrt(u if law > 9 else left(z, u)) / 10
         return given / 6.0 if law in (1, 5, 8, 9) else (given - z[3]) / 2.0
 
     return plant(power=lambda t, z, u: left(z, u) / R, own=(fill,))
@@ -118,7 +118,7 @@ def _each(laws: int | tuple[int, ...]) -> Iterable[int]:
 
 
 TERMS = {
-    "supply_sag": (sagging, 10),
+    "supply_sag": (sagging, 12),
     "drive_dead_zone": (dead_zone, 3),
     "ambient_drift": (drifting_room, 4),
     "nonlinear_thermal_force": (bent_force, 5),

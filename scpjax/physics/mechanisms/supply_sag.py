@@ -11,8 +11,9 @@ from scpjax.physics.mechanism import Mechanism, Side, Values, View
 LITTLE = 0.01  # of the greatest power
 LEAST = 0.05  # of the volts, that the supply gives in any case
 AT_ONCE, CHARGE, POLARISED, CELL = (0, 3), (1, 5, 8, 9), (2, 6), (4, 7)  # laws by what tires the supply
+LATE = (10, 11)  # and laws load, later
 EXHAUSTS = (8, 9)  # of those by charge, laws of one that comes to an end
-SHARED = (3, 5, 6, 7, 9)  # laws of one supply for both actuators of a joint
+SHARED = (3, 5, 6, 7, 9, 11)  # laws of one supply for both actuators of a joint
 
 
 def _root(effort: Side) -> Side:
@@ -32,13 +33,14 @@ class SupplySag(Mechanism):
         "V_wire = V (1 - s q);  law load: q = |V|/V_ref;  law charge: dq/dt = |V_wire|/(V_ref t_ref);  "
         "law polarisation: tau dq/dt = |V_wire|/V_ref - q;  law cell: V_wire = V - s V_ref q, not below 0, with the q "
         "of polarisation;  law exhaustion: q/(1 - q/c) in place of q, with the q of charge, 1 - q/c at least 0.05;  "
-        "laws shared load, shared charge, shared polarisation, shared cell, shared exhaustion: a joint's one supply, "
-        "of which q takes the sum over both actuators"
+        "law late load: tau dq/dt = |V|/V_ref - q;  laws shared load, shared charge, shared polarisation, shared cell, "
+        "shared exhaustion, shared late load: a joint's one supply, of which q takes the sum over both actuators"
     )
     source = (
-        "load: source resistance before a smoothed PWM; charge, exhaustion and polarisation: Shepherd's battery "
-        "equation, J. Electrochem. Soc. 112 (1965) 657; cell: a resistor and a capacitor in parallel before the wire, "
-        "the Thevenin model of Plett, Battery Management Systems I, ch. 2"
+        "load: source resistance before a smoothed PWM, or, late, a source that folds back as it warms; charge, "
+        "exhaustion and polarisation: Shepherd's battery equation, J. Electrochem. Soc. 112 (1965) 657; cell: a "
+        "resistor and a capacitor in parallel before the wire, the Thevenin model of Plett, Battery Management "
+        "Systems I, ch. 2"
     )
     says = "The battery gives fewer volts the more is drawn from it, so strong drives reach the wire weakened."
     needs = ("voltage",)
@@ -54,10 +56,12 @@ class SupplySag(Mechanism):
         "shared cell",
         "exhaustion",
         "shared exhaustion",
+        "late load",
+        "shared late load",
     )
     law_needs: ClassVar[dict[int, tuple[str, ...]]] = dict.fromkeys(SHARED, ("joint",))
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {
-        "time_constant": POLARISED + CELL,
+        "time_constant": POLARISED + CELL + LATE,
         "capacity": EXHAUSTS,
     }
     states = ("drawn",)
@@ -66,9 +70,10 @@ class SupplySag(Mechanism):
             name="sag",
             symbol="s",
             unit="1",
-            description="share of the volts that is lost where the greatest drive is asked for (laws load), or given "
-            "for long (laws polarisation) or for the reference time (laws charge; exhaustion: at the pace of the "
-            "beginning); resistance of the cell over that of the wire (laws cell)",
+            description="share of the volts that is lost where the greatest drive is asked for (laws load), or "
+            "given for long (laws polarisation) or asked for so long (laws late load) or given for the reference time "
+            "(laws charge; exhaustion: at the pace of the beginning); resistance of the cell over that of the wire "
+            "(laws cell)",
             typical=0.15,
             bounds=(0.003, 0.9),
             null=0.0,
@@ -78,7 +83,7 @@ class SupplySag(Mechanism):
             name="time_constant",
             symbol="τ",
             unit="s",
-            description="time in which the supply tires and recovers (laws polarisation, cell)",
+            description="time in which the supply tires and recovers (laws polarisation, cell, late load)",
             typical=0.5,
             bounds=(0.02, 20.0),
             null=1.0,
@@ -140,15 +145,14 @@ class SupplySag(Mechanism):
         return effort * jnp.where(_one_of(p.law, CELL), cell, jnp.maximum(1.0 - p.sag * drawn, LEAST)) ** 2
 
     def effort_for(self, p: Values, view: View, effort: Side) -> Side:
-        # v (1 - s v) = w, solved for the smaller root; beyond the most that the supply can give, its turning point
-        share = 2.0 / (1.0 + jnp.sqrt(jnp.maximum(1.0 - 4.0 * p.sag * self._draws(p, effort), 1e-12)))
+        share = _asked_for(p, self._draws(p, effort))
         later = 1.0 / jnp.maximum(1.0 - p.sag * self._drawn(p, view), LEAST)
         asked = effort * jnp.where(_one_of(p.law, AT_ONCE), share, later) ** 2
         cell = jnp.where(effort > 0, (_root(effort) + p.sag * p.reference * view.own[0]) ** 2, 0.0)
         return jnp.where(_one_of(p.law, CELL), cell, asked)
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
-        given = self._draws(p, view.effort)
+        given = self._draws(p, jnp.where(_one_of(p.law, LATE), view.asked, view.effort))
         charge = _one_of(p.law, CHARGE)
         return (jnp.where(charge, given / p.reference_time, (given - view.own[0]) / p.time_constant),)
 
@@ -158,4 +162,12 @@ class SupplySag(Mechanism):
         # nearly its root, but for the little that a cold one's temperature is uncertain by
         drawn = share / jnp.sqrt(share + LITTLE)
         drawn = jnp.where(_one_of(p.law, SHARED), jnp.sum(drawn), drawn)
-        return (jnp.where(_one_of(p.law, POLARISED + CELL), drawn, 0.0),)
+        drawn = drawn * jnp.where(_one_of(p.law, LATE), _asked_for(p, drawn), 1.0)
+        return (jnp.where(_one_of(p.law, POLARISED + CELL + LATE), drawn, 0.0),)
+
+
+def _asked_for(p: Values, drawn: Side) -> Side:
+    """What is asked for as a multiple of what is given, by v (1 - s v) = w solved for the smaller root; beyond the most
+    that the supply can give, its turning point.
+    """
+    return 2.0 / (1.0 + jnp.sqrt(jnp.maximum(1.0 - 4.0 * p.sag * drawn, 1e-12)))
