@@ -165,7 +165,7 @@ def test_what_a_dead_time_brings_over_is_what_the_supply_must_be_asked_for(law):
         np.testing.assert_allclose(asked[0], v**2, rtol=1e-5)
 
 
-@pytest.mark.parametrize("law", [0, 1, 2])
+@pytest.mark.parametrize("law", [0, 1, 2, 3])
 def test_what_a_dead_time_brings_over_is_above_the_dead_zone(law):
     model = with_active(extended(PLANT.structure, "drive_dead_zone"), "drive_dead_zone", law)
     z = list(model.initial(WARM))
@@ -176,12 +176,12 @@ def test_what_a_dead_time_brings_over_is_above_the_dead_zone(law):
 
 
 def test_small_drives_do_not_pass_a_dead_zone():
-    for law in (0, 1, 2):
+    for law in (0, 1, 2, 3):
         model = with_active(extended(PLANT.structure, "drive_dead_zone"), "drive_dead_zone", law)
         model = model.replace({"drive_dead_zone.sharpness": 8.0})
         passed = [float(model.rates(model.initial(), jnp.array([v**2]))[0]) * C_TH * R for v in (0.0, 1.5, 2.2, 9.0)]
         np.testing.assert_allclose(passed[:3], 0.0, atol=5e-2)
-        np.testing.assert_allclose(passed[3], (36.0, 81.0, 81.0)[law], rtol=5e-3)
+        np.testing.assert_allclose(passed[3], (36.0, 81.0, 81.0, 81.0)[law], rtol=5e-3)
 
 
 @pytest.mark.parametrize("period", [0.05, 0.25])

@@ -26,6 +26,8 @@ def sagging(law):
 def dead_zone(law):
     def reaching(t, z, u):
         v = np.sqrt(u)
+        if law == 3:
+            return u * (1 - np.exp(-((v / 3.0) ** 5.0))) ** 2 / R
         if law > 0:
             shoulder = (2.0, 3.0)[law - 1]
             return u * (1 + (3.0 / v) ** (5.0 * shoulder)) ** (-2.0 / shoulder) / R if v > 0 else 0.0
@@ -119,7 +121,7 @@ def _each(laws: int | tuple[int, ...]) -> Iterable[int]:
 
 TERMS = {
     "supply_sag": (sagging, 12),
-    "drive_dead_zone": (dead_zone, 3),
+    "drive_dead_zone": (dead_zone, 4),
     "ambient_drift": (drifting_room, 4),
     "nonlinear_thermal_force": (bent_force, 5),
     "thermal_softening": (softening, 4),

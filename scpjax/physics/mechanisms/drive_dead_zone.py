@@ -9,6 +9,8 @@ from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 from scpjax.physics.smooth import clipped, root
 
+WEIBULL = 3
+OPEN = 4.0  # logarithm of what Weibull's gate takes the exponential of, where it is wide open: what closes is e^-54
 LEAST = 1e-6  # of the greatest drive squared, that is told from none under law gate
 
 
@@ -19,18 +21,20 @@ class DriveDeadZone(Mechanism):
     equation = (
         "law threshold: V_wire = max(|V| - V_0, 0), corner rounded over w V_0;  "
         "law gate: V_wire = V / sqrt(1 + (V_0/V)^(2 n)): V well above V_0, nothing well below;  "
-        "law gate, shouldered: V_wire = V (1 + (V_0/V)^(a n))^(-1/a), which is law gate for a = 2"
+        "law gate, shouldered: V_wire = V (1 + (V_0/V)^(a n))^(-1/a), which is law gate for a = 2;  law gate, Weibull: "
+        "V_wire = V (1 - exp(-(V/V_0)^n))"
     )
     source = (
         "dead zone of an actuator: Tao, Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities "
         "(1996), ch. 2; threshold: base-emitter drop of a Darlington stage; gate: undervoltage lockout of a driver, "
-        "its form Burr's type III: Burr, Ann. Math. Stat. 13 (1942) 215"
+        "of channels that open one after another: Burr, Ann. Math. Stat. 13 (1942) 215, his type III; Weibull, J. "
+        "Appl. Mech. 18 (1951) 293"
     )
     says = "Nothing reaches the wire until the drive exceeds a threshold."
     needs = ("electric",)
     excited_by = "small drives beside large ones"
-    laws = ("threshold", "gate", "gate, shouldered")
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"sharpness": (1, 2), "corner": (0,), "shoulder": (2,)}
+    laws = ("threshold", "gate", "gate, shouldered", "gate, Weibull")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"sharpness": (1, 2, WEIBULL), "corner": (0,), "shoulder": (2,)}
     parameters = (
         Parameter(
             name="threshold",
@@ -92,7 +96,10 @@ class DriveDeadZone(Mechanism):
         relative = (volts * volts + LEAST * p.reference**2) / (limit * limit + 1e-30)
         shoulder = jnp.where(p.law == 1, 2.0, p.shoulder)
         closing = jax.nn.softplus(-0.5 * shoulder * p.sharpness * jnp.log(relative))
-        return effort * jnp.where(p.law == 0, passed * passed, jnp.exp(-2.0 / shoulder * closing))
+        gate = jnp.exp(-2.0 / shoulder * closing)
+        weibull = jnp.expm1(-jnp.exp(jnp.minimum(0.5 * p.sharpness * jnp.log(relative), OPEN))) ** 2
+        gate = jnp.where(p.law == WEIBULL, weibull, gate)
+        return effort * jnp.where(p.law == 0, passed * passed, gate)
 
     def effort_for(self, p: Values, view: View, effort: Side) -> Side:
         limit = p.threshold * p.reference
