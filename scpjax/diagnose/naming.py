@@ -134,10 +134,10 @@ def _together(choice: Choice) -> tuple[str, ...]:
 
 def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free | None]:
     """What the catalogue's laws explain, or one mechanism by a curve where that does better than a first name; jumps
-    inside gaps timed by the first name and wild samples left out. Where the search took longer than there is patience
-    left, what it has named is fitted anew without them.
+    inside gaps timed by the first name and wild samples left out. Where they did not end the search, and it took longer
+    than there is patience left, what it has named is fitted anew without them.
     """
-    began = time.monotonic()
+    began, by_wild = time.monotonic(), False
     free: Free | None = None
     timed: Split | None = None
     notes: tuple[str, ...] = ()
@@ -148,7 +148,9 @@ def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free |
         return free is not None
 
     def wild_or_by_curve(first: State) -> bool:
-        return (some and bool(_wild(first, parts).any())) or by_curve(first)
+        nonlocal by_wild
+        by_wild = some and bool(_wild(first, parts).any())
+        return by_wild or by_curve(first)
 
     def mistimed(first: State) -> bool:
         nonlocal timed
@@ -161,7 +163,7 @@ def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free |
         notes = (f"beside {choice.state.names[0]}, the first name tried, the drive changed in gaps at other times",)
         parts = timed
         trial, _, _ = refine(base.setup, parts.train, base.trial)
-        base = state_at(base.setup, parts, trial)
+        base, began = state_at(base.setup, parts, trial), time.monotonic()
         choice = search.choose(base, parts, wild_or_by_curve)
     wild = _wild(choice.state, parts) if some and choice.state.names else np.zeros(())
     if wild.any():
@@ -169,11 +171,11 @@ def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free |
         parts = parts.with_weights(np.where(wild, 0.0, parts.whole.weights))
         trial, _, _ = refine(base.setup, parts.train, base.trial)
         base, free = state_at(base.setup, parts, trial), None
-        if search.patience.allows(time.monotonic() - began):
+        if by_wild or search.patience.allows(time.monotonic() - began):
             notes = (*notes, f"{more} {choice.state.names[0]}, the first name tried")
             choice = search.choose(base, parts, by_curve)
         else:
-            notes = (*notes, f"{more} {' and '.join(choice.state.names)}")
+            notes = (*notes, f"{more} {' and '.join(choice.state.names)}; nothing else was sought without them")
             choice = replace(choice, state=at_rest(choice.state.setup, parts, [choice.state.trial]))
     if free is None and not choice.state.names:
         by_curve(base)

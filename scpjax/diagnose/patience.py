@@ -21,11 +21,8 @@ class Patience:
         return True
 
     def allows(self, seconds: float) -> bool:
-        """Whether so much is left; asked before what takes that long and may be left: it then is."""
-        if time.monotonic() + seconds < self._until:
-            return True
-        self.ended = True
-        return False
+        """Whether so much of it is left."""
+        return time.monotonic() + seconds < self._until
 
     def notes(self) -> tuple[str, ...]:
         """What to tell the user of what was left."""

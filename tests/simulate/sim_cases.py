@@ -64,6 +64,7 @@ ACTIVE = {
         "strength": 0.2,
         "velocity_time": 10.0,
         "static": 0.5,
+        "faster": 4.0,
         "presliding": 0.1,
         "reference": 0.0025,
     },

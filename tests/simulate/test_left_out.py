@@ -41,7 +41,7 @@ def test_both_actuators_of_a_joint_draw_on_one_supply():
     np.testing.assert_allclose(model.rates(warm, asked)[:2], 0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("law", [5, 6, 7, 9], ids=["charge", "polarisation", "cell", "exhaustion"])
+@pytest.mark.parametrize("law", [5, 6, 7, 9, 11], ids=["charge", "polarisation", "cell", "exhaustion", "late load"])
 def test_both_actuators_of_a_joint_tire_one_supply(law):
     model = on_one_supply(law, sag=0.15, capacity=4.0)
     names = model.structure.state_names
@@ -53,7 +53,7 @@ def test_both_actuators_of_a_joint_tire_one_supply(law):
         return np.maximum(volts - 1.5 * q, 0.0) if law == 7 else volts * (1 - 0.15 * q)
 
     def rates(_t, z):
-        total = given(z[2]).sum() / 10
+        total = (volts if law == 11 else given(z[2])).sum() / 10
         heat = (given(z[2]) ** 2 / R - LAM * z[:2]) / C_TH
         return [*heat, total / 6.0 if law in (5, 9) else (total - z[2]) / 2.0]
 
@@ -115,6 +115,22 @@ def test_a_link_pulls_its_joint_back_as_a_pendulum():
         np.testing.assert_allclose(model.rates(z, effort), 0.0, atol=1e-9)
         angles.append(x / 0.015)
     assert angles[0] > 1.05 * abs(angles[1]) > 0.2  # the higher it is, the shorter the lever that is left to raise
+
+
+def test_a_weight_hangs_from_its_joint_only_once_it_is_lifted():
+    """At rest: 2 k x + a k x_ref (1 - exp(-x/x_0)) = C (T_1 - T_2) where x > 0, and nothing more where it is not."""
+    base = presets.aaa(PLANT, pulley_radius=0.015)
+    structure = extended(base.structure, "antagonist_load")
+    laws = [6.0 * (m.name == "antagonist_load") for m in structure.mechanisms]
+    numbers = {"strength": 2.0, "onset": 0.1, "reference": 0.004}
+    model = Model(structure, laws=laws).replace(base.values() | {f"antagonist_load.{k}": v for k, v in numbers.items()})
+    k, mass = float(PLANT.value("elastic_spring.stiffness")), float(model.balances().moving_mass)
+    for x in (-0.004, -0.0001, 0.0, 0.0001, 0.0004, 0.004):
+        z = model.initial().at[2].set(x)
+        force = float(model.rates(z, jnp.zeros(2))[3]) * mass
+        hangs = 2.0 * k * 0.004 * (1 - np.exp(-x / 0.0004)) if x > 0 else 0.0
+        np.testing.assert_allclose(-force, 2 * k * x + hangs, atol=0.03 * k * 0.004, rtol=1e-9)
+        assert hangs > 0 or abs(-force - 2 * k * x) < 1e-12
 
 
 @pytest.mark.parametrize("law", [4, 5])

@@ -105,7 +105,8 @@ def pulled_back(law):
         f = lambda s: s + 1 - s**-2 - s**-3  # noqa: E731
         slope = 1 + 2 * 1.1**-3 + 3 * 1.1**-4
         rubber = 0.5 * (f(1.1 + x / 0.5) - f(1.1)) / slope
-        off = 1 - np.exp(-(x + HOOK(x, 0.02) - 0.02) / 2 / 0.4)
+        lifted = max(x, 0.0) / 0.4
+        off = 1 - np.exp(-(lifted**2) / (lifted + 0.02))
         return PULL * z[0] - 0.7 * K * 0.0025 * {0: beyond, 1: beyond**2, 2: rubber, 6: off}[law]
 
     return plant(force=force)
@@ -142,7 +143,8 @@ def test_added_term_is_its_equation(case):
     names = model.structure.state_names
     mine = np.array([i for i, s in enumerate(names) if s.startswith(name) or ("." not in s and s != "time")])
     start = model.initial(WARM).at[mine].set(np.array(z0))
-    found = simulate(model, recording, initial=start, method=Exponential(substeps=8))
+    substeps = 32 if case == ("antagonist_load", 6) else 8  # a corner, bent in a fiftieth of the way
+    found = simulate(model, recording, initial=start, method=Exponential(substeps=substeps))
     # |v| has a corner at every reversal; springs that engage are felt a step ahead
     near, near_outputs = (5e-2, 3e-3) if name == "antagonist_load" and law < 2 else (2e-6, 3e-6)
     near = 2e-4 if name == "fatigue" else near

@@ -24,7 +24,7 @@ class AntagonistLoad(Mechanism):
         "law rubber band: F = -a k L (f(s) - f(s_0)), f = (s - 1/s^2)(1 + 1/s)/f'(s_0), s = s_0 + x/L, s_0 = 1.1;  "
         "law link: F = -a k x_ref (sin(phi_0 + x/r) - sin(phi_0)) on a joint whose pulley has the radius r;  "
         "law uneven: the antagonist pulls with c (1 + g);  law uneven, one-sided spring: and, stretched beyond x_0, "
-        "is such a spring;  law lifted weight: F = -a k x_ref (1 - exp(-x/x_0)) where x > 0, rounded over x_ref/50, of "
+        "is such a spring;  law lifted weight: F = -a k x_ref (1 - exp(-x/x_0)) where x > 0, rounded over x_0/50, of "
         "the agonist of a joint"
     )
     source = (
@@ -128,8 +128,8 @@ class AntagonistLoad(Mechanism):
     def force(self, p: Values, view: View) -> Side:
         stretch = jnp.maximum(STRETCHED + view.displacement / (p.reference * p.length), SHORTEST)
         rubber = p.length * (_rubber(stretch) - _rubber(STRETCHED)) / _SLOPE
-        off = ramp(view.displacement / p.reference, jnp.zeros_like(p.onset), jnp.asarray(ROUND, p.onset.dtype))
-        hanging = -jnp.expm1(-off / p.onset)
+        off = jnp.maximum(view.displacement / (p.reference * p.onset), 0.0)
+        hanging = -jnp.expm1(-off * off / (off + ROUND))
         pull = jnp.where(p.law == 2, rubber, 0.0)
         if view.radius:  # there is one link, and the agonist raises it
             raised = jnp.sin(p.angle + view.displacement / view.radius) - jnp.sin(p.angle)

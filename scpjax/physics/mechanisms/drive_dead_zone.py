@@ -72,7 +72,7 @@ class DriveDeadZone(Mechanism):
             unit="1",
             description="how much sooner it is wide open than it closes (law gate, shouldered)",
             typical=2.0,
-            bounds=(0.2, 40.0),
+            bounds=(0.5, 20.0),
             null=2.0,
             spread=0.7,
         ),

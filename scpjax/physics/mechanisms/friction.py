@@ -8,6 +8,7 @@ from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
 CORNER = 0.1  # makes s(u) tanh(u) to within 0.05
+FASTER = 10.0  # velocity, in velocity scales, at which two thirds of the extra friction at rest are gone (law LuGre)
 OVER = 1.05  # |z| stays below 1 but for the integrator's overshoot, which is cut off here
 
 
@@ -18,10 +19,11 @@ class Friction(Mechanism):
     equation = (
         "F = -F_c s(v/v_s), F_c = f k x_ref, v_s = x_ref/t_s, and s, nearly tanh, by u = s + 0.1 s |s|/(1 - |s|);  "
         "law Stribeck: F_c (1 + b exp(-(v/(c v_s))^2));  law Dahl: F = -F_c z, dz/dt = (v - |v| z)/(w x_ref);  "
-        "law LuGre: F = -F_c z, dz/dt = (v - |v| z/(1 + b exp(-(v/(c v_s))^2)))/(w x_ref)"
+        "law LuGre: F = -F_c z, dz/dt = (v - |v| z/(1 + b exp(-(v/(10 v_s))^2)))/(w x_ref)"
     )
     source = (
-        "Coulomb and Stribeck friction: Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083; "
+        "Coulomb and Stribeck friction: Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083, this "
+        "with the exponential of Bo, Pavelescu, Wear 82 (1982) 277; "
         "taken at the velocity of the end of a step: Kikuuwe et al., IEEE Trans. Robot. 22 (2006) 1176; a contact that "
         "gives before it slips: Dahl, Aerospace Corp. TOR-0158 (1968), which is Duhem's hysteresis; and holds faster "
         "at rest: Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automat. Contr. 40 (1995) 419"
@@ -33,7 +35,7 @@ class Friction(Mechanism):
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {
         "velocity_time": (0, 1, 3),
         "static": (1, 3),
-        "faster": (1, 3),
+        "faster": (1,),
         "presliding": (2, 3),
     }
     states = ("presliding_stretch",)
@@ -73,8 +75,8 @@ class Friction(Mechanism):
             name="faster",
             symbol="c",
             unit="1",
-            description="velocity at which two thirds of the extra friction at rest are gone, in velocity scales (laws "
-            "Stribeck and LuGre)",
+            description="velocity at which two thirds of the extra friction at rest are gone, in velocity scales (law "
+            "Stribeck)",
             typical=10.0,
             bounds=(1.0, 300.0),
             null=10.0,
@@ -111,7 +113,7 @@ class Friction(Mechanism):
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
         rate, most = view.velocity / (p.presliding * p.reference), self._most(p)
-        past = view.velocity * p.velocity_time / (p.faster * p.reference)
+        past = view.velocity * p.velocity_time / (FASTER * p.reference)
         slips = 1.0 + (most - 1.0) * jnp.exp(-jnp.square(past))
         # under other laws, and left out, the contact rests: a step might be too long for it
         gives = (p.law > 1) & (p.strength > 0)

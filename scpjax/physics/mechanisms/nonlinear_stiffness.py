@@ -160,6 +160,11 @@ class NonlinearStiffness(Mechanism):
         (-0.1, -0.1, -0.1, 4.0, -0.3, 0.6, -0.5, 0.7, 1.0, 0.0),
     )
 
+    @property
+    def may_need_short_steps(self) -> bool:
+        """Near the length that it cannot reach the spring is many times as stiff as what a step takes exactly."""
+        return True
+
     def restoring(self, p: Values, view: View) -> Side:
         relative = view.deflection / p.reference
         # the small floor keeps the derivative of |x|^n finite at x = 0, far below any sensor's resolution

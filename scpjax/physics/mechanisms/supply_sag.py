@@ -33,8 +33,9 @@ class SupplySag(Mechanism):
         "V_wire = V (1 - s q);  law load: q = |V|/V_ref;  law charge: dq/dt = |V_wire|/(V_ref t_ref);  "
         "law polarisation: tau dq/dt = |V_wire|/V_ref - q;  law cell: V_wire = V - s V_ref q, not below 0, with the q "
         "of polarisation;  law exhaustion: q/(1 - q/c) in place of q, with the q of charge, 1 - q/c at least 0.05;  "
-        "law late load: tau dq/dt = |V|/V_ref - q;  laws shared load, shared charge, shared polarisation, shared cell, "
-        "shared exhaustion, shared late load: a joint's one supply, of which q takes the sum over both actuators"
+        "law late load: tau dq/dt = |V|/V_ref - q, V as it was recorded;  laws shared load, shared charge, shared "
+        "polarisation, shared cell, shared exhaustion, shared late load: a joint's one supply, of which q takes the "
+        "sum over both actuators"
     )
     source = (
         "load: source resistance before a smoothed PWM, or, late, a source that folds back as it warms; charge, "
