@@ -22,8 +22,8 @@ sha256 before anything was diagnosed. The engine saw the given files; other file
 Strength is the misfit of the best base model over the noise: weak 1.2 to 3, moderate to 8.5, strong above.
 "Foreign" are single effects of the catalogue under laws that it does not hold. Some of the plan's other laws were none
 of the catalogue's either, and have come into it since, after cases under them had been missed or predicted badly: a
-drive that comes through suddenly, a supply that tires by what is asked of it, a spring that grows exponentially or nears
-its full length, a weight lifted off its support.
+drive that comes through suddenly, a supply that tires by what is asked of it, a spring that grows exponentially or
+nears its full length, a weight lifted off its support.
 """
 
 
