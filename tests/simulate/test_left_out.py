@@ -95,13 +95,17 @@ def test_what_remembers_the_drive_begins_as_what_has_kept_it_warm_left_it(name, 
     np.testing.assert_array_less(np.asarray(model.initial())[mine], 1e-5)
 
 
-def test_a_link_pulls_its_joint_back_as_a_pendulum():
-    """At rest: 2 k x + a k x_ref (sin(phi_0 + x/r) - sin(phi_0)) = C (T_1 - T_2), so it turns further up than down."""
+def loaded_joint(law, **numbers):
+    """A joint with an antagonist load under one of its laws."""
     base = presets.aaa(PLANT, pulley_radius=0.015)
     structure = extended(base.structure, "antagonist_load")
-    laws = [3.0 * (m.name == "antagonist_load") for m in structure.mechanisms]
-    numbers = {"strength": 6.0, "angle": 0.6, "reference": 0.004}
-    model = Model(structure, laws=laws).replace(base.values() | {f"antagonist_load.{k}": v for k, v in numbers.items()})
+    laws = [float(law) * (m.name == "antagonist_load") for m in structure.mechanisms]
+    return Model(structure, laws=laws).replace(base.values() | {f"antagonist_load.{k}": v for k, v in numbers.items()})
+
+
+def test_a_link_pulls_its_joint_back_as_a_pendulum():
+    """At rest: 2 k x + a k x_ref (sin(phi_0 + x/r) - sin(phi_0)) = C (T_1 - T_2), so it turns further up than down."""
+    model = loaded_joint(3, strength=6.0, angle=0.6, reference=0.004)
     k, c = (float(PLANT.value(key)) for key in ("elastic_spring.stiffness", "thermal_actuation.coefficient"))
     angles = []
     for warm in (90.0, -90.0):  # of the agonist beyond the antagonist, or the other way
@@ -119,11 +123,7 @@ def test_a_link_pulls_its_joint_back_as_a_pendulum():
 
 def test_a_weight_hangs_from_its_joint_only_once_it_is_lifted():
     """At rest: 2 k x + a k x_ref (1 - exp(-x/x_0)) = C (T_1 - T_2) where x > 0, and nothing more where it is not."""
-    base = presets.aaa(PLANT, pulley_radius=0.015)
-    structure = extended(base.structure, "antagonist_load")
-    laws = [6.0 * (m.name == "antagonist_load") for m in structure.mechanisms]
-    numbers = {"strength": 2.0, "onset": 0.1, "reference": 0.004}
-    model = Model(structure, laws=laws).replace(base.values() | {f"antagonist_load.{k}": v for k, v in numbers.items()})
+    model = loaded_joint(6, strength=2.0, onset=0.1, reference=0.004)
     k, mass = float(PLANT.value("elastic_spring.stiffness")), float(model.balances().moving_mass)
     for x in (-0.004, -0.0001, 0.0, 0.0001, 0.0004, 0.004):
         z = model.initial().at[2].set(x)
@@ -136,11 +136,7 @@ def test_a_weight_hangs_from_its_joint_only_once_it_is_lifted():
 @pytest.mark.parametrize("law", [4, 5])
 def test_muscles_of_a_joint_need_not_pull_alike(law):
     """At rest: 2 k x + a k (x - x_0) = C (T_1 - (1 + g) T_2), the spring that the antagonist is beyond x_0 alone."""
-    base = presets.aaa(PLANT, pulley_radius=0.015)
-    structure = extended(base.structure, "antagonist_load")
-    laws = [float(law) * (m.name == "antagonist_load") for m in structure.mechanisms]
-    numbers = {"strength": 1.5, "onset": 0.3, "excess": 0.4, "reference": 0.004}
-    model = Model(structure, laws=laws).replace(base.values() | {f"antagonist_load.{k}": v for k, v in numbers.items()})
+    model = loaded_joint(law, strength=1.5, onset=0.3, excess=0.4, reference=0.004)
     k, c = (float(PLANT.value(key)) for key in ("elastic_spring.stiffness", "thermal_actuation.coefficient"))
     for first, second in ((90.0, 10.0), (10.0, 90.0)):
         pull = c * (first - 1.4 * second)
