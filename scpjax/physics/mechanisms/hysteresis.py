@@ -27,7 +27,8 @@ class Hysteresis(Mechanism):
         "law plays: three plays, F = -h k sum m_i p_i w_i z_i, w_i = w, 0.6 w and 0.25 w, p_i = exp(-w_i/2w)/sum, "
         "m_1 = 1, m_2 and m_3 estimated, z_i as Bouc-Wen with n = 8 and w_i;  laws thermal, part of what warmth "
         "pulls: plays, Duhem moved by dT/dt x_ref/T_ref in place of v;  law thermal Preisach: "
-        "F = h k x_ref sum m_i p_i (g - g(0) - w_i (z_i + 1)), plays moved by dg/dt x_ref, g = b tanh((T/T_ref - a)/b), z_i = -1 at first"
+        "F = h k x_ref sum m_i p_i (g - g(0) - w_i (z_i + 1)), plays moved by dg/dt x_ref, "
+        "g = b tanh((T/T_ref - a)/b), z_i = -1 at first"
     )
     source = (
         "Bouc-Wen, rate independent: Ismail, Ikhouane, Rodellar, Arch. Comput. Methods Eng. 16 (2009) 161; Duhem and "
