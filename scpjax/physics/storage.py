@@ -205,7 +205,9 @@ class _Reader:
                 theta.append(self.finite(slot.parameter.null, slot.key))
                 continue
             if slot.key not in given:
-                self.fail(f"parameter {slot.key!r} is missing", f"give its value in {slot.parameter.unit}")
+                unit = "" if slot.parameter.unit == "1" else f" in {slot.parameter.unit}"
+                mend = f"fit again, if an earlier version wrote the file, or give its value{unit}"
+                self.fail(f"parameter {slot.key!r} is missing", mend)
             row = given[slot.key]
             value, unit = (row.get("value"), row.get("unit")) if isinstance(row, dict) else (row, None)
             if unit is not None and unit != slot.parameter.unit:

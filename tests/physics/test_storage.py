@@ -42,6 +42,17 @@ def test_round_trip_is_exact(tmp_path, name, seed):
         assert np.asarray(a).tobytes() == np.asarray(b).tobytes()
 
 
+def test_a_law_that_came_to_need_a_parameter_is_refused_with_the_mend(tmp_path):
+    built = presets.structure("plant").with_mechanisms(catalogue()["friction"])
+    stribeck = [float(m.name == "friction") for m in built.mechanisms]
+    path = save_model(Model(built, laws=stribeck), tmp_path / "model.json")
+    content = json.loads(path.read_text())
+    del content["parameters"]["friction.faster"]
+    path.write_text(json.dumps(content))
+    with pytest.raises(ModelError, match=r"friction\.faster' is missing; fit again, .*, or give its value$"):
+        load_model(path)
+
+
 def test_what_the_file_says(tmp_path):
     model = presets.te(resistance=2.0, conductance=0.3, thermal_mass=2.0)
     content = json.loads(save_model(model, tmp_path / "model.json").read_text())

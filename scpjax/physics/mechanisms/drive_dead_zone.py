@@ -70,7 +70,7 @@ class DriveDeadZone(Mechanism):
             name="shoulder",
             symbol="a",
             unit="1",
-            description="how much sooner it is wide open than it closes (law gate, shouldered)",
+            description="how abruptly it is wide open beyond V_0; short of it n alone tells (law gate, shouldered)",
             typical=2.0,
             bounds=(0.5, 20.0),
             null=2.0,
