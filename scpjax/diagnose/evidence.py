@@ -15,7 +15,6 @@ from scpjax.diagnose.trials import SAME
 from scpjax.fit.colour import Whitener
 
 _FORM = 0.015  # of the misfit, which a law of another form may leave more than the best and be its equal
-_PLAIN = 100.0  # mean square, in units of the noise's, that is no matter of a law's form
 EQUIVALENTS = 3
 """Told of a mechanism, at most."""
 
@@ -133,15 +132,6 @@ def probabilities(comparisons: Sequence[Comparison], *, prior_none: float = 0.5)
 def excess(state: State, split: Split) -> np.ndarray:
     """Mean square beyond what the noise makes, by column; 0 where there is none."""
     return np.maximum(misfit(state, split) - 1.0, 0.0)
-
-
-def worthwhile(before: State, after: State, base: State, split: Split, share: float) -> bool:
-    """Whether enough of the base model's misfit goes, in some column, to speak of another effect.
-
-    What stands out of the noise tenfold is spoken of however little of the whole it is.
-    """
-    left, whole = excess(before, split), excess(base, split)
-    return bool(np.any((left - excess(after, split) > share * whole) | (left > _PLAIN)))
 
 
 def distance(a: State, b: State, split: Split) -> float:

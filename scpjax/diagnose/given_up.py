@@ -42,7 +42,7 @@ def beyond_names(
     where that is so small that no simple law comes near it more than half; or if they ask for more than their laws
     allow; or, where they leave little, if one acts at once, or a single one stands at an end, and a closure alone does
     better. A closure is learned beyond the names that stay; in their balances, as a correction of their laws, where
-    they leave little. A last name that came where little was left, or a little more if the names miss the noise and it
+    they leave little near the noise. A last name that came where little was left, or a little more if the names miss the noise and it
     does not, is false if such a correction does better in its place, and so is one of which beside the closure nothing
     stays.
     """
@@ -106,7 +106,8 @@ def _beyond(
         fewer, corrected = _corrected_rather_than_named(parts, base, choice, rules)
         if corrected is not None:
             return fewer, corrected
-        corrected = None if level(choice.state, parts) > _NEAR_NOISE else correction(choice.state, parts, rules)
+        learn = correction if level(choice.state, parts) <= _NEAR_NOISE else closure
+        corrected = learn(choice.state, parts, rules)
         if corrected is not None and level(corrected.state, parts) <= AT_NOISE:
             return choice, corrected
         reaction = one_reaction(base, choice.state, parts, rules)

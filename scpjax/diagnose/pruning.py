@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from scpjax.abreast import abreast
-from scpjax.diagnose.evidence import Evidence, compare, worthwhile
+from scpjax.diagnose.evidence import Evidence, compare
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.trials import without
+from scpjax.diagnose.worth import worthwhile
 
 
 def prune(state: State, split: Split, rules: Evidence, base: State | None = None) -> State:
@@ -20,6 +21,6 @@ def prune(state: State, split: Split, rules: Evidence, base: State | None = None
         m = state.setup.structure.mechanism(name)
         extra = state.setup.structure.count_free(name, m.laws.index(state.laws[name]))
         missed = compare(fewer, state, name, "", split, rules, extra).accepted
-        if not missed or not (base is None or worthwhile(fewer, state, base, split, rules.worth)):
+        if not missed or not (base is None or worthwhile(fewer, state, base, split, rules)):
             state = fewer
     return state

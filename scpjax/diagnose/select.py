@@ -8,7 +8,7 @@ from functools import partial
 
 from scpjax.abreast import meanwhile
 from scpjax.diagnose.choice import Choice, Progress
-from scpjax.diagnose.evidence import Evidence, chance_against, is_better, worthwhile
+from scpjax.diagnose.evidence import Evidence, chance_against, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.leap import leap, one_promises_the_rest
@@ -18,6 +18,7 @@ from scpjax.diagnose.remainder import FAR, at_noise
 from scpjax.diagnose.screen import ready_beside_names
 from scpjax.diagnose.trials import in_order
 from scpjax.diagnose.ways import WAYS, Branch, Search, Tried, named, one_more, try_round, with_own_room, with_own_values
+from scpjax.diagnose.worth import worthwhile
 from scpjax.fit.setup import Setup
 
 _SURE = 2  # rounds that are gone however long they take: without a second name a first one is often given up
@@ -212,4 +213,4 @@ def _earned(search: Search, before: State, after: State) -> bool:
     """Whether names beyond all those of another hypothesis are worth it, as they have to be when they are added."""
     if not set(before.names) < set(after.names):
         return True
-    return worthwhile(before, after, search.base, search.split, search.rules.worth)
+    return worthwhile(before, after, search.base, search.split, search.rules)

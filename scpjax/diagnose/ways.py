@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from scpjax.diagnose.candidates import try_all
-from scpjax.diagnose.evidence import Comparison, Evidence, equals, probabilities, worthwhile
+from scpjax.diagnose.evidence import Comparison, Evidence, equals, probabilities
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.laws import other_laws
@@ -18,6 +18,7 @@ from scpjax.diagnose.pruning import prune
 from scpjax.diagnose.remainder import at_noise
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.trials import afresh
+from scpjax.diagnose.worth import worthwhile
 from scpjax.fit.setup import Setup
 
 _CLOSE = 20.0  # difference of BIC (10 nats) up to which two mechanisms are close
@@ -100,7 +101,7 @@ def try_round(search: Search, way: Branch, round_: int, tell: Callable[[str, int
     )
     p = probabilities(tried)
     ranked = (Ranked(c.added, c.delta_bic, c.held_out_gain, p[c.added], c.law, round_) for c in tried)
-    accepted = [c for c in tried if c.accepted and worthwhile(way.state, c.state, search.base, split, rules.worth)]
+    accepted = [c for c in tried if c.accepted and worthwhile(way.state, c.state, search.base, split, rules)]
     best = max((c.delta_bic for c in tried if c.accepted), default=0.0)
     return Tried(way, (*way.ranking, *ranked), tuple(tried), accepted, best)
 
@@ -163,7 +164,7 @@ def named(search: Search, found: Tried, c: Comparison) -> Branch:
 def with_own_room(search: Search, found: Tried) -> list[Branch]:
     """The way with a room that has a course of its own in each recording, where there is evidence for one."""
     c = own_room(found.way.state, search.split, search.rules)
-    if c is None or not worthwhile(found.way.state, c.state, search.base, search.split, search.rules.worth):
+    if c is None or not worthwhile(found.way.state, c.state, search.base, search.split, search.rules):
         return []
     tried = (c, *(o for o in found.tried if o.added != ROOM))
     last, law = found.ranking[-1].round, f"{c.law}, by recording"

@@ -1,5 +1,6 @@
 """A drive stage through which small drives do not come."""
 
+from collections.abc import Callable
 from typing import ClassVar
 
 import jax
@@ -11,6 +12,8 @@ from scpjax.physics.smooth import clipped, root
 
 WEIBULL = 3
 OPEN = 4.0  # logarithm of what Weibull's gate takes the exponential of, where it is wide open: what closes is e^-54
+SHUT = -30.0  # the same, where no more than its argument, e^-30, is left of 1 - exp(-e^-30)
+NEWTON = 5
 LEAST = 1e-6  # of the greatest drive squared, that is told from none under law gate
 
 
@@ -93,15 +96,41 @@ class DriveDeadZone(Mechanism):
         limit = p.threshold * p.reference
         volts = root(jnp.maximum(effort, 0.0))  # what a dead time shifts may fall short of 0 by rounding
         passed = 1.0 - clipped(volts, limit, p.corner * limit) / volts
-        relative = (volts * volts + LEAST * p.reference**2) / (limit * limit + 1e-30)
-        shoulder = jnp.where(p.law == 1, 2.0, p.shoulder)
-        closing = jax.nn.softplus(-0.5 * shoulder * p.sharpness * jnp.log(relative))
-        gate = jnp.exp(-2.0 / shoulder * closing)
-        weibull = jnp.expm1(-jnp.exp(jnp.minimum(0.5 * p.sharpness * jnp.log(relative), OPEN))) ** 2
-        gate = jnp.where(p.law == WEIBULL, weibull, gate)
-        return effort * jnp.where(p.law == 0, passed * passed, gate)
+        above = _logarithm(volts * volts + LEAST * p.reference**2) - _logarithm(limit * limit)
+        return effort * jnp.where(p.law == 0, passed * passed, jnp.exp(_closing(p, above)))
 
     def effort_for(self, p: Values, view: View, effort: Side) -> Side:
         limit = p.threshold * p.reference
-        # but for the rounded corner
-        return jnp.where(p.law == 0, jnp.where(effort > 0, (root(effort) + limit) ** 2, 0.0), effort)
+        wanted, corner = root(jnp.maximum(effort, 0.0)), p.corner * limit
+        # from what would do if the corner at -V_0 were not rounded, too
+        volts = jnp.maximum(limit + wanted - 0.25 * corner * corner / wanted, 0.0)
+        volts = _solved(lambda v: v - clipped(v, limit, corner), volts, wanted)
+        # ln((V/V_0)^2) + ln(gate) rises, is concave and stays below its first term, and (1 + n) times that
+        wanted = _logarithm(jnp.maximum(effort, 0.0)) - _logarithm(limit * limit)
+        above = _solved(lambda u: u + _closing(p, u), jnp.maximum(wanted, wanted / (1.0 + p.sharpness)), wanted)
+        asked = jnp.where(p.law == 0, volts * volts, jnp.exp(above + _logarithm(limit * limit)))
+        return jnp.where(effort > 0, asked, 0.0)
+
+
+def _solved(function: Callable[[Side], Side], start: Side, wanted: Side) -> Side:
+    """Where a function that rises is as wanted, by Newton."""
+    x = start
+    for _ in range(NEWTON):
+        value, slope = jax.jvp(function, (x,), (jnp.ones_like(x),))
+        x = x + (wanted - value) / slope
+    return x
+
+
+def _closing(p: Values, above: Side) -> Side:
+    """Logarithm of the share of the drive squared that a gate lets through, ``above`` ln((V/V_0)^2)."""
+    shoulder = jnp.where(p.law == 1, 2.0, p.shoulder)
+    burr = -2.0 / shoulder * jax.nn.softplus(-0.5 * shoulder * p.sharpness * above)
+    # a gate nearly closed passes exp(n u/2) of the drive, and no logarithm of it is taken there
+    opens = jnp.clip(0.5 * p.sharpness * above, SHUT, OPEN)
+    weibull = 2.0 * (jnp.log(-jnp.expm1(-jnp.exp(opens))) + jnp.minimum(0.5 * p.sharpness * above - SHUT, 0.0))
+    return jnp.where(p.law == WEIBULL, weibull, burr)
+
+
+def _logarithm(squared: Side) -> Side:
+    """Of volts squared, none of which is told from 1e-30: in single precision, too, its derivative is a number."""
+    return jnp.log(squared + 1e-30)
