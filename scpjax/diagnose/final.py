@@ -50,12 +50,20 @@ def resolved(state: State, parts: Split) -> tuple[Split, State, tuple[str, ...]]
     if factor == 1:
         return parts, state, ()
     notes = () if off < _RESOLVED else (_UNRESOLVED.format(parts=factor, off=off),)
+    finer, refitted = fitted_finer(state, parts, factor)
+    return (parts, state, (_UNSTABLE,)) if refitted is None else (finer, refitted, notes)
+
+
+def fitted_finer(state: State, parts: Split, factor: int) -> tuple[Split, State | None]:
+    """The data, and a hypothesis fitted to their training part, by steps shorter by a factor; None for the hypothesis
+    where it blows up.
+    """
     finer = replace(parts, train=parts.train.finer(factor), whole=parts.whole.finer(factor))
     trial, _, cost = refine(state.setup, finer.train, state.trial)
     residual = residual_on(trial, finer.whole, state.setup)
     if np.any(np.abs(residual) >= CEILING):
-        return parts, state, (_UNSTABLE,)
-    return finer, State(state.setup, trial, residual, cost), notes
+        return finer, None
+    return finer, State(state.setup, trial, residual, cost)
 
 
 def fitted_to_all(parts: Split, state: State) -> tuple[Trial, Data]:

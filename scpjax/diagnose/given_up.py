@@ -65,7 +65,8 @@ def _without_them(
     choice, learned = _beyond(parts, base, choice, rules, where)
     if learned is None:
         return choice, None
-    corrected = form_at_most(base, choice.state, parts)  # which can do what the law it corrects does
+    near = level(choice.state, parts) <= _NEAR_NOISE
+    corrected = near and form_at_most(base, choice.state, parts)  # which can do what the law it corrects does
     gone = [n for n in choice.state.names if nothing_stays(learned.state, n, parts, at_least_only=corrected)]
     if not gone:
         return choice, learned
@@ -106,14 +107,14 @@ def _beyond(
         fewer, corrected = _corrected_rather_than_named(parts, base, choice, rules)
         if corrected is not None:
             return fewer, corrected
-        learn = correction if level(choice.state, parts) <= _NEAR_NOISE else closure
-        corrected = learn(choice.state, parts, rules)
+        near = level(choice.state, parts) <= _NEAR_NOISE
+        corrected = correction(choice.state, parts, rules) if near else None
         if corrected is not None and level(corrected.state, parts) <= AT_NOISE:
             return choice, corrected
         reaction = one_reaction(base, choice.state, parts, rules)
         if reaction is not None:
             return outdone(choice, choice.state, base, parts), reaction
-        return choice, corrected
+        return choice, corrected if near else closure(choice.state, parts, rules)
     alone = closure(base, parts, rules, where)
     if not choice.state.names:
         return choice, alone

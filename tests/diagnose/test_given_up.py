@@ -114,6 +114,20 @@ def test_names_that_leave_little_are_corrected_in_their_balance_near_the_noise(m
     assert asked == [(named, where)]
 
 
+def test_far_from_the_noise_a_reaction_alone_comes_before_a_closure_beyond_the_names(monkeypatch):
+    base, parts = rubbed()
+    named = added(base, "ambient_drift", parts)
+    named = replace(named, residual=named.residual * 8.0 / level(named, parts))
+    base = replace(base, residual=base.residual * 80.0)
+    reaction = SimpleNamespace(state=named)
+    monkeypatch.setattr(given_up, "acting_at_once", lambda *_: ())
+    monkeypatch.setattr(given_up, "one_reaction", lambda *_: reaction)
+    monkeypatch.setattr(given_up, "closure", lambda *_: pytest.fail("asked for a closure"))
+    choice, learned = beyond_names(parts, base, Choice(named, (), {"ambient_drift": 1.0}, {}), Evidence(), ["sensor"])
+    assert learned is reaction
+    assert not choice.state.names
+
+
 def test_a_name_of_which_nothing_stays_beside_the_closure_is_taken_out(monkeypatch):
     base, parts = rubbed()
     named = added(added(base, "ambient_drift", parts), "sensor_lag", parts)

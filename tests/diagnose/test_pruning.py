@@ -20,6 +20,6 @@ def test_what_only_led_the_others_to_a_better_fit_is_taken_out(monkeypatch):
     monkeypatch.setattr(pruning, "compare", missed)
     assert pruning.prune(state(("a", "b")), None, Evidence()).names == ("a",)  # type: ignore[arg-type]
     assert pruning.prune(state(("a", "c")), None, Evidence()).names == ("a", "c")  # type: ignore[arg-type]
-    monkeypatch.setattr(pruning, "worthwhile", lambda fewer, s, base, split, worth: fewer.names != ("a",))
+    monkeypatch.setattr(pruning, "worthwhile", lambda fewer, s, base, split, rules: fewer.names != ("a",))
     base = state(())
     assert pruning.prune(state(("a", "c")), None, Evidence(), base).names == ("a",)  # type: ignore[arg-type]

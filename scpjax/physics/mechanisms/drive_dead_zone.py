@@ -13,7 +13,7 @@ from scpjax.physics.smooth import clipped, root
 WEIBULL = 3
 OPEN = 4.0  # logarithm of what Weibull's gate takes the exponential of, where it is wide open: what closes is e^-54
 SHUT = -30.0  # the same, where no more than its argument, e^-30, is left of 1 - exp(-e^-30)
-NEWTON = 5
+NEWTON = 6
 LEAST = 1e-6  # of the greatest drive squared, that is told from none under law gate
 
 
@@ -106,18 +106,20 @@ class DriveDeadZone(Mechanism):
         volts = jnp.maximum(limit + wanted - 0.25 * corner * corner / wanted, 0.0)
         volts = _solved(lambda v: v - clipped(v, limit, corner), volts, wanted)
         # ln((V/V_0)^2) + ln(gate) rises, is concave and stays below its first term, and (1 + n) times that
-        wanted = _logarithm(jnp.maximum(effort, 0.0)) - _logarithm(limit * limit)
-        above = _solved(lambda u: u + _closing(p, u), jnp.maximum(wanted, wanted / (1.0 + p.sharpness)), wanted)
+        log_wanted = _logarithm(jnp.maximum(effort, 0.0)) - _logarithm(limit * limit)
+        above = jnp.maximum(log_wanted, log_wanted / (1.0 + p.sharpness))
+        above = _solved(lambda u: u + _closing(p, u), above, log_wanted)  # but for LEAST
         asked = jnp.where(p.law == 0, volts * volts, jnp.exp(above + _logarithm(limit * limit)))
         return jnp.where(effort > 0, asked, 0.0)
 
 
 def _solved(function: Callable[[Side], Side], start: Side, wanted: Side) -> Side:
-    """Where a function that rises is as wanted, by Newton."""
+    """Where a function that rises is as wanted, by Newton; its derivative is that of the implicit function."""
     x = start
     for _ in range(NEWTON):
+        x = jax.lax.stop_gradient(x)
         value, slope = jax.jvp(function, (x,), (jnp.ones_like(x),))
-        x = x + (wanted - value) / slope
+        x = x + (wanted - value) / jax.lax.stop_gradient(slope)
     return x
 
 
@@ -132,5 +134,5 @@ def _closing(p: Values, above: Side) -> Side:
 
 
 def _logarithm(squared: Side) -> Side:
-    """Of volts squared, none of which is told from 1e-30: in single precision, too, its derivative is a number."""
+    """Of volts squared, with 1e-30 beside them: in single precision, too, its derivative is a number at 0."""
     return jnp.log(squared + 1e-30)
