@@ -73,8 +73,9 @@ def test_fluidic_muscle(data_dir):
 def test_electronic_oscillator(data_dir):
     folder = data_dir / "silverbox"
     d = diagnose([read_recording(folder / "multisine_train.csv")], options=AS_THE_COMMAND)
-    assert d.mechanisms[0].name == "nonlinear_stiffness"
-    for name, bar in (("multisine_test", 0.33e-3), ("arrow_test", 0.45e-3)):
+    assert [m.name for m in d.mechanisms] == ["nonlinear_stiffness"]
+    assert d.verdict == "unexplained"  # the circuit's losses are not proportional to its velocity
+    for name, bar in (("multisine_test", 0.32e-3), ("arrow_test", 0.31e-3)):
         unseen = read_recording(folder / f"{name}.csv")
         measured = unseen.outputs[:, 0]
         errors = []
