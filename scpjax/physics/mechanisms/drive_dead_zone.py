@@ -13,7 +13,7 @@ from scpjax.physics.smooth import clipped, root
 WEIBULL = 3
 OPEN = 4.0  # logarithm of what Weibull's gate takes the exponential of, where it is wide open: what closes is e^-54
 SHUT = -30.0  # the same, where no more than its argument, e^-30, is left of 1 - exp(-e^-30)
-NEWTON = 6
+NEWTON = 6  # steps, by which gates as sharp as the bounds allow are within what LEAST makes of them
 LEAST = 1e-6  # of the greatest drive squared, that is told from none under law gate
 
 
