@@ -299,7 +299,8 @@ def _verdict(
     ratio = level(state, parts)
     names = " and ".join(_in_a_sentence(m.title) for m in named)
     as_well = f" ({' or '.join(closure.equivalents)} would do as well here)" if closure and closure.equivalents else ""
-    learned = f" Learned in its place: {closure.expression}{as_well}." if closure else ""
+    form = f"{closure.expression}{as_well}; with it the misfit is {left:.1f} times the noise." if closure else ""
+    learned = f" Learned in its place: {form}" if closure else ""
     if not named and ratio <= AT_NOISE:
         return "adequate", "Nothing is missing: at this noise the base model explains the recordings."
     if closure and not state.names and named:
@@ -312,7 +313,7 @@ def _verdict(
         return (
             "unexplained",
             f"Something is missing (the misfit is {ratio:.1f} times the noise). What was learned for it explains it "
-            f"better than {others} would: {closure.expression}{as_well}.",
+            f"better than {others} would: {form}",
         )
     if not named:
         return (

@@ -1,5 +1,7 @@
 """A heat that uses itself up, as drying's does: found in the heat balance, told in its units, and in place of names."""
 
+import re
+
 import numpy as np
 import pytest
 import scipy.integrate
@@ -60,6 +62,9 @@ def test_heat_that_is_used_up_is_learned_in_its_units(drying):
     said = answer(parts, base, choice, learned, binned, lacking, notes=(), seconds=0.0, settings={})
     assert said.verdict == "unexplained"
     assert said.location.subsystem == "thermoelectric"
+    without, with_it = (float(x) for x in re.findall(r"misfit is ([\d.]+) times the noise", said.says))
+    assert without == pytest.approx(level(base, parts), abs=0.06)
+    assert with_it == pytest.approx(level(learned.state, parts), abs=0.1)  # it is fitted to all data
     assert said.closure is not None
     heat, time, steep = said.closure.terms.values()
     reference = said.model.values()["learned_reaction.reference_temperature"]
