@@ -12,6 +12,7 @@ from scpjax.fit.result import Estimate, Trace
 from scpjax.physics.model import Model
 
 Verdict = Literal["adequate", "explained", "unexplained"]
+_CLOSE = 10.0  # difference of BIC (5 nats) from which one law is clearly ahead of another
 
 
 @dataclass(frozen=True)
@@ -191,6 +192,17 @@ class Diagnosis:
     settings: dict[str, Any]
     next_experiment: NextExperiment | None = None
 
+    def only_by_form(self, m: Named) -> tuple[str, ...]:
+        """Equivalents of a mechanism that its law, as it stands, is clearly ahead of (by more than 10 in BIC, in the
+        last round in which both were tried): what they leave more of the misfit is what a law's form may decide.
+        """
+        by_round: dict[int, dict[str, float]] = {}
+        for r in self.ranking:
+            by_round.setdefault(r.round, {})[r.name] = r.delta_bic
+        both = {e: [i for i, tried in by_round.items() if {m.name, e} <= {*tried}] for e in m.equivalents}
+        last = {e: by_round[max(rounds)] for e, rounds in both.items() if rounds}
+        return tuple(e for e, tried in last.items() if tried[m.name] - tried[e] > _CLOSE)
+
     def to_json(self) -> dict[str, Any]:
         """Plain values only, in the form of the contract; more keys than it asks for, none fewer."""
         return {
@@ -218,6 +230,7 @@ class Diagnosis:
                     "probability": m.probability,
                     "parameters": {k: e.to_dict() for k, e in m.parameters.items()},
                     "equivalents": list(m.equivalents),
+                    "equivalents_by_form": list(self.only_by_form(m)),
                     "as_well": list(m.as_well),
                     "by_recording": list(m.by_recording),
                     "references": {k: {"value": r.value, "unit": r.unit} for k, r in m.references.items()},

@@ -68,11 +68,12 @@ def write_diagnosis(
         shapes["next_experiment"] = proposed
         write_text(out / CSV_NAME, d.next_experiment.csv())
     write_figures(out, shapes)
+    cards = [_mechanism(m, d.only_by_form(m)) for m in d.mechanisms]
     body = [
         _diagnosis_head(d),
         _where(d, shapes),
         lacking,
-        page.section("What was left out", *(_mechanism(m) for m in d.mechanisms), _nothing_named(d), learned),
+        page.section("What was left out", *cards, _nothing_named(d), learned),
         page.section(
             "Before and after",
             _scores_table(d),
@@ -150,13 +151,26 @@ def _regime(regimes: Mapping[str, float]) -> str:
     return f"{words.get(name, name)} ({percent(regimes[name])} of the misfit)"
 
 
-def _mechanism(m: Named) -> str:
+def _of_form(m: Named, by_form: Sequence[str]) -> str:
+    """Why some equivalents of a mechanism are that, though they look unlikely among what was tried."""
+    if not by_form:
+        return ""
+    several = len(by_form) > 1
+    law, it, leaves = ("their laws", "them", "they leave") if several else ("its law", "it", "it leaves")
+    whose = " and ".join(title(e) for e in by_form)
+    return (
+        f" By {law} as the catalogue has {it}, {whose} would be far less likely (see what was tried); but {leaves} so "
+        f"little more of the misfit than {m.title} that a law of slightly another form may leave none."
+    )
+
+
+def _mechanism(m: Named, by_form: Sequence[str]) -> str:
     law = f" ({m.law.replace('_', ' ')})" if m.law else ""
     rows = [row(k, e) for k, e in m.parameters.items()]
     others = ""
     if m.equivalents:
         titles = ", ".join(title(e) for e in m.equivalents)
-        others = page.text(f"These recordings do not tell it from: {titles}.", "small")
+        others = page.text(f"These recordings do not tell it from: {titles}.{_of_form(m, by_form)}", "small")
     if m.as_well:
         begin = "Nor from" if m.equivalents else "These recordings do not tell it from"
         others += page.text(
