@@ -132,7 +132,7 @@ def say_diagnosis(arguments: Namespace, d: Diagnosis) -> None:
         if m.equivalents:
             by_form = d.only_by_form(m)
             whose = "" if by_form == m.equivalents else f"{' and '.join(by_form)} "
-            form = f" ({whose}by a law of slightly another form)" if by_form else ""
+            form = f" ({whose}only if its law has a slightly different form)" if by_form else ""
             say(arguments, f"  not told apart from: {', '.join(m.equivalents)}{form}")
         if m.as_well:
             say(arguments, f"  outside the catalogue would do as well: {' or '.join(m.as_well)} (s: a smooth curve)")

@@ -11,6 +11,7 @@ from scipy.special import expit
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, moving
 from scpjax.diagnose.remainder import misfit
+from scpjax.diagnose.result import CLEARLY
 from scpjax.diagnose.trials import SAME
 from scpjax.fit.colour import Whitener
 
@@ -149,7 +150,7 @@ def _equal(a: State, b: State, before: State, split: Split, behind: float) -> bo
     ``before`` than the form of a law decides.
     """
     more = excess(a, split) - excess(b, split)
-    return are_alike(a, b, split) and (behind < 10.0 or not np.any(more > _FORM * excess(before, split)))
+    return are_alike(a, b, split) and (behind < CLEARLY or not np.any(more > _FORM * excess(before, split)))
 
 
 def are_equal(a: State, b: State, before: State, split: Split, rules: Evidence) -> bool:

@@ -12,7 +12,8 @@ from scpjax.fit.result import Estimate, Trace
 from scpjax.physics.model import Model
 
 Verdict = Literal["adequate", "explained", "unexplained"]
-_CLOSE = 10.0  # difference of BIC (5 nats) from which one law is clearly ahead of another
+CLEARLY = 10.0
+"""Difference of BIC (5 nats) from which one law is clearly ahead of another."""
 
 
 @dataclass(frozen=True)
@@ -193,15 +194,14 @@ class Diagnosis:
     next_experiment: NextExperiment | None = None
 
     def only_by_form(self, m: Named) -> tuple[str, ...]:
-        """Equivalents of a mechanism that its law, as it stands, is clearly ahead of (by more than 10 in BIC, in the
-        last round in which both were tried): what they leave more of the misfit is what a law's form may decide.
+        """Equivalents of the only name that its law, as the catalogue has it, is clearly ahead of: what they leave more
+        of the misfit is what a law's form may decide. None of a name beside others, which is compared beside them, of
+        one by a curve, and in a base of the user's own, where no round compares the same.
         """
-        by_round: dict[int, dict[str, float]] = {}
-        for r in self.ranking:
-            by_round.setdefault(r.round, {})[r.name] = r.delta_bic
-        both = {e: [i for i, tried in by_round.items() if {m.name, e} <= {*tried}] for e in m.equivalents}
-        last = {e: by_round[max(rounds)] for e, rounds in both.items() if rounds}
-        return tuple(e for e, tried in last.items() if tried[m.name] - tried[e] > _CLOSE)
+        if len(self.mechanisms) != 1 or m.law == FREE or self.model.structure.system:
+            return ()
+        first = {r.name: r.delta_bic for r in self.ranking if r.round == 1}
+        return tuple(e for e in m.equivalents if e in first and first.get(m.name, -np.inf) - first[e] >= CLEARLY)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values only, in the form of the contract; more keys than it asks for, none fewer."""

@@ -51,8 +51,8 @@ class Rhythm:
     def says(self) -> str:
         """In a sentence."""
         if self.variable == "time":
-            return f"It swings with a period of {self.period:.3g} s, whatever the drive does."
-        return f"It repeats with every {1e3 * self.period:.3g} mm of displacement."
+            return f"What is missing swings with a period of {self.period:.3g} s, whatever the drive does."
+        return f"What is missing repeats with every {1e3 * self.period:.3g} mm of displacement."
 
 
 def rhythms(misfit: Misfit, lacking: Sequence[Latent]) -> list[Rhythm]:

@@ -152,16 +152,20 @@ def _regime(regimes: Mapping[str, float]) -> str:
 
 
 def _of_form(m: Named, by_form: Sequence[str]) -> str:
-    """Why some equivalents of a mechanism are that, though they look unlikely among what was tried."""
+    """Why some equivalents of the only name are that, though they look unlikely among what was tried."""
     if not by_form:
         return ""
-    several = len(by_form) > 1
-    law, it, leaves = ("their laws", "them", "they leave") if several else ("its law", "it", "it leaves")
-    whose = " and ".join(title(e) for e in by_form)
+    law, it, leaves = ("its law", "it", "it leaves") if len(by_form) == 1 else ("their laws", "them", "they leave")
+    *others, last = (_quoted(title(e)) for e in by_form)
+    whose = f"{', '.join(others)} and {last}" if others else last
     return (
-        f" By {law} as the catalogue has {it}, {whose} would be far less likely (see what was tried); but {leaves} so "
-        f"little more of the misfit than {m.title} that a law of slightly another form may leave none."
+        f" By {law} as the catalogue has {it}, {whose} would be far less likely; but {leaves} so little more of the "
+        f"misfit than {_quoted(m.title)} that a law of slightly another form may leave no more."
     )
+
+
+def _quoted(said: str) -> str:
+    return f'"{said[0].lower()}{said[1:]}"'
 
 
 def _mechanism(m: Named, by_form: Sequence[str]) -> str:

@@ -165,7 +165,7 @@ def test_a_diagnosis_tells_period_and_balance(tmp_path):
     warm = Recording.from_arrays(TIME, {"voltage_V": DRIVE}, {"temperature_degC": both.output("temperature") - 273.15})
     found = diagnose([warm], model="te")
     assert (found.verdict, found.mechanisms) == ("unexplained", ())
-    assert "It swings with a period of 11.7 s" in found.says
+    assert "What is missing swings with a period of 11.7 s" in found.says
     assert found.location.subsystem == "drive"
     assert found.to_json()["location"]["period_s"] == pytest.approx(PERIOD, rel=0.01)
     assert any("a swing of drive" in note for note in found.notes)
@@ -220,7 +220,7 @@ def test_a_ripple_is_told_as_what_it_is(tmp_path):
     moved = 1e3 * recorded(nothing, quiet=0.0).output("displacement")
     found = diagnose([recorded(nothing, rattle=0.2 * np.sin(2 * np.pi * moved / PITCH + 0.4))])
     assert (found.verdict, found.mechanisms) == ("unexplained", ())
-    assert "It repeats with every 0.9 mm of displacement" in found.says
+    assert "What is missing repeats with every 0.9 mm of displacement" in found.says
     assert found.location.subsystem == "sensor"
     assert found.to_json()["location"]["period_m"] == pytest.approx(1e-3 * PITCH, rel=0.01)
     assert found.to_json()["location"]["period_s"] is None

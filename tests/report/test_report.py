@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from made_pages import COLUMNS, GAIN, diagnosis, read, recordings
 
-from scpjax.diagnose.result import Closure, Latent, Location, Ranked
+from scpjax.diagnose.result import FREE, Closure, Latent, Location, Ranked
 from scpjax.physics.storage import load_model
 from scpjax.report.report import command_line, write_diagnosis
 
@@ -35,7 +35,7 @@ def test_the_page_says_it_all_and_needs_nothing(tmp_path):
         "1.25",
         "0.110",
         "What was tried",
-        "not tell it from: Heat loss grows faster than the temperature. By its law as the catalogue has it, Heat loss",
+        'By its law as the catalogue has it, "heat loss grows faster than the temperature" would',
         "What these recordings cannot tell apart",
         "Heat loss grows faster than the temperature",
         "viscous_damping.damping is not determined by these recordings.",
@@ -58,17 +58,23 @@ def test_the_page_says_it_all_and_needs_nothing(tmp_path):
     assert all(p.read_bytes().startswith(b"\x89PNG") for p in (tmp_path / "figures").iterdir())
 
 
-@pytest.mark.parametrize(("behind", "round_", "by_form"), [(9.0, 1, False), (11.0, 1, True), (11.0, 2, False)])
-def test_equivalents_of_which_the_law_is_behind_are_told_of(behind, round_, by_form):
-    """By the last round in which both were tried."""
-    made = diagnosis()
+@pytest.mark.parametrize(("behind", "by_form"), [(9.0, False), (11.0, True)])
+def test_equivalents_of_which_the_law_is_behind_are_told_of(behind, by_form):
     best, other = "resistance_temperature", "nonlinear_heat_loss"
-    first = Ranked(best, 100.0, 0.9, 0.98), Ranked(other, 100.0 - behind, 0.9, 0.0)
-    later = Ranked(best, 50.0, 0.9, 0.5, round=2), Ranked(other, 49.0, 0.9, 0.5, round=2)
-    made = replace(made, ranking=(*first, *later) if round_ == 2 else first)
+    ranking = Ranked(best, 100.0, 0.9, 0.98), Ranked(other, 100.0 - behind, 0.9, 0.0)
+    made = diagnosis(ranking=ranking)
     (named,) = made.mechanisms
     assert made.only_by_form(named) == (named.equivalents if by_form else ())
     assert made.to_json()["mechanisms"][0]["equivalents_by_form"] == list(made.only_by_form(named))
+
+
+def test_of_names_that_no_round_compares_alike_none_is_an_equivalent_by_form():
+    made = diagnosis()
+    (named,) = made.mechanisms
+    assert made.only_by_form(named) == named.equivalents
+    assert made.only_by_form(replace(named, law=FREE)) == ()
+    assert replace(made, mechanisms=(named, replace(named, name="creep"))).only_by_form(named) == ()
+    assert replace(made, ranking=()).only_by_form(named) == ()
 
 
 def test_json_has_the_keys_of_the_contract(tmp_path):
