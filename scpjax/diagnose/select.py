@@ -81,6 +81,26 @@ def choose(
     choice = _choice(both if both and ahead else leaders[-1])
     if at_noise(choice.state, split, FAR):
         return choice
+    choice = _away_from_noise(search, choice, rounds, leaders, rooms, mend, tell, leapt=leapt)
+    strongest = next((c.added for c in rounds[0][0].accepted if c.added in choice.state.names), None)
+    return choice if strongest is None else replace(choice, state=in_order(choice.state, strongest, split))
+
+
+def _away_from_noise(
+    search: Search,
+    choice: Choice,
+    rounds: Sequence[Sequence[Tried]],
+    leaders: Sequence[Branch],
+    rooms: Sequence[Branch],
+    mend: Callable[[Choice], Choice],
+    tell: Callable[[str, int], None],
+    *,
+    leapt: bool,
+) -> Choice:
+    """What is named in the end where all rounds end away from the noise: the choice mended, with two names at once in
+    place of the second unless that was tried (``leapt``), or found by another way.
+    """
+    split = search.split
     choice = mend(choice) if choice.state.names else choice
     if not (leapt or at_noise(choice.state, split, FAR)) and len(leaders) > _SURE:
         both = _two_at_once(search, rounds, leaders, choice.state, tell)
@@ -88,8 +108,7 @@ def choose(
     if not at_noise(choice.state, split, FAR):
         other = _by_another_way(search, rounds[0][0], rooms, leaders, choice.state, tell)
         choice = choice if other is None else mend(_choice(other))
-    strongest = next((c.added for c in rounds[0][0].accepted if c.added in choice.state.names), None)
-    return choice if strongest is None else replace(choice, state=in_order(choice.state, strongest, split))
+    return choice
 
 
 def _gone_on(

@@ -160,7 +160,7 @@ def _of_form(m: Named, by_form: Sequence[str]) -> str:
     whose = f"{', '.join(others)} and {last}" if others else last
     return (
         f" By {law} as the catalogue has {it}, {whose} would be far less likely; but {leaves} so little more of the "
-        f"misfit than {_quoted(m.title)} that a law of slightly another form may leave no more."
+        f"misfit than {_quoted(m.title)} that a law of a slightly different form may leave no more."
     )
 
 
