@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -177,14 +177,23 @@ def _choice(leader: Branch) -> Choice:
 
 
 def _best(branches: Sequence[Branch], split: Split, rules: Evidence) -> Branch:
-    """The best of some ways. What had less evidence when it was named, and led further, has that for it."""
+    """The best of some ways. What had less evidence when it was named, and led further, has that for it; a name that is
+    also on the way it was ahead of, or that another order of the same names has, all that speaks for it there.
+    """
     leader = branches[0]
     for b in branches[1:]:
+        names = b.state.names
         if is_better(b.state, leader.state, split, rules):
             lead = chance_against(b.state, leader.state, split, rules)
-            further = {n: max(b.chance(n), lead) for n in b.state.names if n not in leader.state.names}
-            leader = replace(b, own=b.own | further)
+            leader = _surer(b, {n: leader.chance(n) if n in leader.state.names else lead for n in names})
+        elif {*names} == {*leader.state.names}:
+            leader = _surer(leader, {n: b.chance(n) for n in names})
     return leader
+
+
+def _surer(way: Branch, chance: Mapping[str, float]) -> Branch:
+    """A way with names as likely as it is said elsewhere, where that is more."""
+    return replace(way, own=way.own | {n: p for n, p in chance.items() if p > way.chance(n)})
 
 
 def _by_another_way(

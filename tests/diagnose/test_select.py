@@ -97,6 +97,20 @@ def test_what_speaks_for_a_name_that_leads_further_than_another_is_its_lead(monk
         assert found.probability[name] == pytest.approx(likely)
 
 
+@pytest.mark.parametrize("better", [True, False])
+def test_the_order_in_which_the_same_names_are_reached_does_not_make_one_unlikely(monkeypatch, better):
+    """``a`` and ``d``, which imitates it, were far ahead of ``b``, which predicted better; each way names the other one
+    then, and it does not matter by which they are fitted a little closer.
+    """
+    misfits = {"a": 500.0, "b": 900.0, "d": 500.0, "ab": 200.0}
+    played(monkeypatch, misfits, {"a": 1.0, "b": 0.8, "d": 1.0})
+    closer = ("b", "a") if better else ("a", "b")
+    put(monkeypatch, "other_laws", lambda s, n, *_: Played(s.names, 150.0) if s.names == closer else s)
+    found = select.choose(Played((), 1000.0), None, Evidence(), None)  # type: ignore[arg-type]
+    assert set(found.state.names) == {"a", "b"}
+    assert found.probability == pytest.approx({"a": 1.0, "b": 1.0})
+
+
 def by_way_of_c(monkeypatch, alone: dict[str, float], both: float) -> None:
     """Plays a selection in which ``a`` and ``c`` leave these misfits alone, and ``a`` is found only beside ``c``."""
     played(monkeypatch, {})
