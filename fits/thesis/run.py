@@ -53,7 +53,9 @@ def diagnosis_lines(d: Diagnosis) -> Iterator[str]:
     yield f"Diagnosis with k, m, β, R and C_th held as measured: {d.verdict}. {d.says}"
     for m in d.mechanisms:
         values = ", ".join(f"{k} = {e.value:.3g} ± {e.std:.2g} {e.unit}" for k, e in m.parameters.items())
-        others = f"; not told from {', '.join(m.equivalents)}" if m.equivalents else ""
+        form = dict.fromkeys(d.only_by_form(m), " (only if its law has a slightly different form)")
+        told = ", ".join(f"{e}{form.get(e, '')}" for e in m.equivalents)
+        others = f"; not told from {told}" if told else ""
         yield f"- `{m.name}`: {values}; probability {m.probability:.2f}{others}"
     for column, before in d.base.held_out.items():
         after, noise = d.extended.held_out[column], d.base.noise[column]

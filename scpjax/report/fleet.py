@@ -76,6 +76,7 @@ _SPREAD = (
     "Scatter: what is left of the spread between actuators when the errors of the estimates are taken out, as a share "
     "of the median. p: of values this far apart or farther if all actuators were the same (Cochran's Q)."
 )
+_BY_FORM = "* By its law as the catalogue has it far less likely; not told apart only if its law has a different form."
 _VALUES = "Each actuator's value with its 95 % interval; the dashed line is the median."
 
 
@@ -176,11 +177,18 @@ def _each(whole: Sequence[Member]) -> str:
             beside = "" if noise is None else f", noise {number(noise, 2)}"
             errors.append(f"{words.lower()} {number(before['rmse'])} → {number(after['rmse'])}{beside} {u}".rstrip())
         named = [
-            n + (f" ({x['law']})" if x["law"] else "") + "".join(f" or {e}" for e in x["equivalents"])
+            n + (f" ({x['law']})" if x["law"] else "") + "".join(f" or {e}{_by_form(x, e)}" for e in x["equivalents"])
             for n, x in _named(m).items()
         ]
         rows.append((m.name, m.verdict, ", ".join(named) or "–", "; ".join(errors)))
-    return page.table(("Actuator", "Verdict", "Left out", "Held-out error, base → extended"), rows, tight=(0, 1))
+    table = page.table(("Actuator", "Verdict", "Left out", "Held-out error, base → extended"), rows, tight=(0, 1))
+    by_form = any(x.get("equivalents_by_form") for m in whole for x in _named(m).values())
+    return table + (page.text(_BY_FORM, "small soft") if by_form else "")
+
+
+def _by_form(named: Mapping[str, Any], equivalent: str) -> str:
+    """A mark at an equivalent whose law, as the catalogue has it, is clearly behind that of the name."""
+    return " *" if equivalent in named.get("equivalents_by_form", ()) else ""
 
 
 def _named(m: Member) -> dict[str, Mapping[str, Any]]:

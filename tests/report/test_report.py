@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from made_pages import COLUMNS, GAIN, diagnosis, read, recordings
 
+from scpjax.diagnose.fleet import Member
 from scpjax.diagnose.result import FREE, Closure, Latent, Location, Ranked
 from scpjax.physics.storage import load_model
+from scpjax.report.fleet import write_fleet_diagnosis
 from scpjax.report.report import command_line, write_diagnosis
 
 
@@ -66,6 +68,17 @@ def test_equivalents_of_which_the_law_is_behind_are_told_of(behind, by_form):
     (named,) = made.mechanisms
     assert made.only_by_form(named) == (named.equivalents if by_form else ())
     assert made.to_json()["mechanisms"][0]["equivalents_by_form"] == list(made.only_by_form(named))
+
+
+@pytest.mark.parametrize("by_form", [False, True])
+def test_the_page_of_a_fleet_marks_an_equivalent_of_which_the_law_is_behind(by_form, tmp_path):
+    content = diagnosis().to_json()
+    if not by_form:
+        content["mechanisms"][0]["equivalents_by_form"] = []
+    _, text = read(write_fleet_diagnosis([Member("left knee", content)], [], [], tmp_path))
+    assert ("or nonlinear_heat_loss *" in text) == by_form
+    assert ("far less likely" in text) == by_form
+    assert "or nonlinear_heat_loss" in text
 
 
 def test_of_names_that_no_round_compares_alike_none_is_an_equivalent_by_form():
