@@ -119,6 +119,7 @@ def test_left_out_mechanism_can_be_tried(m):
         inside = p.bounds[0] <= p.null <= p.bounds[1]
         assert inside or (p.scale == "log" and p.null == 0), f"{p.name}: the null lies out of reach"
         assert p.fixed or math.isfinite(p.spread), f"{p.name} needs a prior to be diagnosed"
+        assert not p.symbol.endswith("_ref") or p.symbol in m.equation, f"of what {p.symbol} is the measure"
 
 
 def test_names_of_the_design_are_those_of_the_files():

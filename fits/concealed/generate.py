@@ -82,7 +82,7 @@ def selected(given: argparse.Namespace) -> list[Case]:
         number=given.cases,
     )
     if not cases:
-        print("no case of the plan is so: try --list", file=sys.stderr)
+        print("no case of the plan is so: fits/concealed/generate.py --list prints them", file=sys.stderr)
         raise SystemExit(2)
     return cases
 

@@ -19,7 +19,8 @@ _WHAT = """\
 Recordings were made by code of its own (`fits/concealed`, scipy's LSODA, laws written out there and partly other ones
 than the catalogue's), with physics concealed in them that the base model does not have. What it was, was sealed by
 sha256 before anything was diagnosed. The engine saw the given files; other files, driven differently, were kept back.
-Strength is the misfit of the best base model over the noise: weak 1.2 to 3, moderate to 8.5, strong above.
+Strength is the misfit of the best base model over the noise: weak 1.2 to 3, moderate to 8.5, strong above; of
+several effects, of the one that is weakest alone. Below 1.2 nothing can be seen (`unseen`).
 "Foreign" are single effects of the catalogue under laws that it does not hold. Some of the plan's other laws were none
 of the catalogue's either, and have come into it since, after cases under them had been missed or predicted badly: a
 drive that comes through suddenly, a supply that tires by what is asked of it, a spring that grows exponentially or

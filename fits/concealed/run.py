@@ -3,7 +3,7 @@
     python fits/concealed/run.py [--subset | --all | --cases N | --only PATTERN | --unseen] [--out DIR] [--docs docs]
 
 Recordings are made and their truth is sealed first (generate.py). Every answer is kept in --out as soon as it is there:
-a run that was stopped goes on where it was. The subset of forty takes about half an hour, all of them hours.
+a run that was stopped goes on where it was. The subset of forty takes an hour or two, all of them many.
 """
 
 from __future__ import annotations

@@ -124,7 +124,7 @@ def simulated(
         raise BenchError("does not lead from volts to a displacement", where=f"--sim {name}", mend="use a plant")
     count: Literal[1, 2] = 2 if two or (wiring.sides if wiring else sides) == 2 else 1
     if two and sides == 1:
-        raise BenchError("is a joint of two actuators", where=f"--sim {name}", mend="leave --sides out")
+        raise BenchError("is a joint of two actuators", where=f"--sim {name}", mend="leave --actuators out")
     made = wiring or _wiring(base, count)
     plant: Plant
     if two:

@@ -211,6 +211,9 @@ def _fleet(places: Any) -> None:
     _roles(parser)
 
 
+_USUAL = "default: as scpjax/control/reference.py has it, for those of thesis 4.4.3 as printed there"
+
+
 def _closed_loop(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--plant", metavar="P", required=True, help="thesis (the plant (4.4)), plant, aaa, or a model.json of a fit"
@@ -219,14 +222,17 @@ def _closed_loop(parser: argparse.ArgumentParser) -> None:
         "--reference",
         metavar="R",
         required=True,
-        help="sine, square, triangle, sawtooth, stair, multilevel, sweep, step_difference, minimum_jerk, or a CSV file "
-        "with time_s,reference_deg",
+        help="sine, square, triangle, sawtooth, stair, multilevel, ramps, sweep, step_difference, minimum_jerk, or a "
+        "CSV file with time_s,reference_deg",
     )
     parser.add_argument("--amplitude", metavar="DEG", type=float, help="of the reference (default: 25)")
-    parser.add_argument("--frequency", metavar="HZ", type=float, help="default: that of the thesis's Table 4.16")
-    parser.add_argument("--duration", metavar="S", type=float, help="default: that of the thesis's Table 4.16")
+    parser.add_argument("--frequency", metavar="HZ", type=float, help=f"of the reference ({_USUAL})")
+    parser.add_argument("--duration", metavar="S", type=float, help=f"of the reference ({_USUAL})")
     parser.add_argument("--dt", metavar="S", type=float, help="sampling period (default: 0.02, or that of the file)")
     parser.add_argument("--radius", metavar="M", type=float, help="of the pulley (default: 0.015)")
+
+
+_SEED = "draw the levels of the multilevel reference (default: those of the thesis)"
 
 
 def _loop(places: Any) -> None:
@@ -242,7 +248,7 @@ def _loop(places: Any) -> None:
         "--gains", metavar="G", default="thesis", help="thesis (Table 3.7, the default) or a gains.toml with Kp Ki Kd N"
     )
     _closed_loop(parser)
-    parser.add_argument("--seed", metavar="N", type=int, default=211, help="of the multilevel reference")
+    parser.add_argument("--seed", metavar="N", type=int, help=_SEED)
     parser.add_argument("--out", metavar="FILE", required=True, help="CSV to write")
 
 
@@ -267,9 +273,7 @@ def _tune(places: Any) -> None:
     parser.add_argument(
         "--sensitivity", metavar="MS", type=float, help="keep the sensitivity peak below this, such as 2"
     )
-    parser.add_argument(
-        "--seed", metavar="N", type=int, default=211, help="of the multilevel reference and of the plants"
-    )
+    parser.add_argument("--seed", metavar="N", type=int, help=f"{_SEED}; and of the plants under --spread")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write")
 
 

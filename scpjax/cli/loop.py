@@ -36,7 +36,7 @@ def run_loop(arguments: Namespace) -> None:
     start()
     plant = named_plant(arguments.plant, arguments.radius)
     loop = Loop(plant, named_gains(arguments.gains, plant))
-    time, reference = named_reference(arguments)
+    time, reference = named_reference(arguments, seed=arguments.seed)
     dt = float(time[1] - time[0])
     with progress(arguments) as show:
         if show:
@@ -48,7 +48,9 @@ def run_loop(arguments: Namespace) -> None:
         verdict = judge(loop, reference, dt=dt)
     write_text(out, csv_text(columns(time, response)))
     say_figures(arguments, loop, response)
-    for words in verdict.says or ("The loop is stable and the reference within reach.",):
+    low, high = (math.degrees(angle) for angle in verdict.reach)
+    rests = f"the joint comes to rest between {low:.1f} and {high:.1f} deg at full drive"
+    for words in verdict.says or (f"The loop is stable and the reference within reach: {rests}.",):
         say(arguments, words)
     say(arguments, f"{out}: {len(time)} samples")
 
@@ -113,8 +115,9 @@ def named_gains(name: str, plant: Plant) -> Controller:
     return pair if plant.sides == 2 else pair.agonist
 
 
-def named_reference(arguments: Namespace) -> tuple[np.ndarray, np.ndarray]:
-    """Time [s] and reference [rad] of a name or a CSV file ``time_s,reference_deg``.
+def named_reference(arguments: Namespace, *, seed: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Time [s] and reference [rad] of a name or a CSV file ``time_s,reference_deg``; with a ``seed`` the levels of
+    ``multilevel`` are drawn.
 
     **Raises** `ControlError` for an unknown name, stamps that are not even, or options that a file does not take.
     """
@@ -128,7 +131,7 @@ def named_reference(arguments: Namespace) -> tuple[np.ndarray, np.ndarray]:
             frequency=arguments.frequency,
             duration=arguments.duration,
             dt=0.02 if arguments.dt is None else arguments.dt,
-            seed=arguments.seed,
+            seed=seed,
         ).make(name)
     if not (name.lower().endswith(".csv") or Path(name).exists() or "/" in name):
         raise ControlError(f"no reference {name!r}", where="--reference", mend=f"use {', '.join(NAMES)}, or a CSV file")

@@ -1,4 +1,4 @@
-"""``scpjax rig``: record, play, loop, calibrate, characterise."""
+"""``scpjax rig``: record, play, loop, calibrate, characterise, validate."""
 
 from __future__ import annotations
 

@@ -117,12 +117,15 @@ def _live(arguments: Namespace, rig: Rig) -> Iterator[None]:
 
 
 def watcher(rig: Rig, show: Progress | None, text: str, duration: float) -> Watch:
-    """Shows the progress of what takes ``duration`` [s], and takes lines typed meanwhile as remarks."""
+    """Shows the progress of what takes ``duration`` [s], and takes lines typed meanwhile as remarks (not on Windows,
+    where nothing tells whether a line has been typed).
+    """
+    typed = sys.platform != "win32" and sys.stdin is not None and not sys.stdin.closed and sys.stdin.isatty()
 
     def watch(time: float) -> None:
         if show:
             show(text, min(time / max(duration, 1e-9), 1.0))
-        if sys.stdin is not None and not sys.stdin.closed and sys.stdin.isatty():
+        if typed:
             while select.select([sys.stdin], [], [], 0)[0]:
                 line = sys.stdin.readline()
                 if not line:

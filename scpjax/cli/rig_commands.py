@@ -42,7 +42,12 @@ def _bench(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="a mechanism in the simulated muscle, such as creep:compliance=0.3 (may be repeated)",
     )
-    sim.add_argument("--actuators", type=int, choices=(1, 2), help="2: a joint (default: 1; for loop 2)")
+    sim.add_argument(
+        "--actuators",
+        type=int,
+        choices=(1, 2),
+        help="2: a joint (default: as the bench, the file played or the model; else 1, for loop 2)",
+    )
     sim.add_argument("--noise", metavar="MV", type=float, default=2.0, help="of every reading (default: %(default)s)")
     sim.add_argument("--seed", metavar="N", type=int, default=0, help="of noise and random signals")
     sim.add_argument("--real-time", action="store_true", help="as slow as the real thing")
@@ -60,8 +65,8 @@ def _record(places: Any, command: Command) -> None:
         "record",
         ("rig", "run_record"),
         "record while the board plays an excitation",
-        "Writes NAME.csv and NAME.toml, every byte received to NAME.raw, remarks (type a line and press return) to "
-        "NAME.markers.csv and what the line lost to NAME.quality.json.",
+        "Writes NAME.csv and NAME.toml, every byte received to NAME.raw, remarks (type a line and press return; not on "
+        "Windows) to NAME.markers.csv and what the line lost to NAME.quality.json.",
     )
     parser.add_argument(
         "--excite",
@@ -96,7 +101,7 @@ def _play(places: Any, command: Command) -> None:
 
 def _reference(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--amplitude", metavar="DEG", type=float, help="of the reference (default: 25)")
-    parser.add_argument("--frequency", metavar="HZ", type=float, help="default: that of the thesis's Table 4.16")
+    parser.add_argument("--frequency", metavar="HZ", type=float, help="as of scpjax loop")
     parser.add_argument("--dt", metavar="S", type=float, help="sampling period, whole 5 ms (default: 0.02)")
     parser.add_argument("--on", choices=("board", "host"), default="board", help="where the PID runs (%(default)s)")
 
@@ -112,7 +117,7 @@ def _loop(places: Any, command: Command) -> None:
     parser.add_argument("--gains", metavar="G", default="thesis", help="thesis (Table 3.7) or a gains.toml")
     parser.add_argument("--reference", metavar="R", default="sine", help="as of scpjax loop (default: %(default)s)")
     _reference(parser)
-    parser.add_argument("--duration", metavar="S", type=float, help="default: that of the thesis's Table 4.16")
+    parser.add_argument("--duration", metavar="S", type=float, help="as of scpjax loop")
     parser.add_argument("--out", metavar="FILE", required=True, help="CSV to write")
     _bench(parser)
 
@@ -155,8 +160,8 @@ def _validate(places: Any, command: Command) -> None:
         "validate",
         ("rig", "run_validate"),
         "predicted against measured, open loop and closed loop; where they part, why",
-        "Where they part, what was recorded is diagnosed at once, and the experiment that tells the hypotheses apart "
-        "is played if you say yes.",
+        "Where they part, what was recorded is diagnosed at once. With --until-explained the experiments that tell the "
+        "hypotheses apart are played, each if you say yes.",
     )
     parser.add_argument("--model", metavar="FILE", required=True, help="model.json of a fit or a diagnosis")
     parser.add_argument("--gains", metavar="FILE", help="thesis or a gains.toml: the closed loop as well")
@@ -178,6 +183,6 @@ def _validate(places: Any, command: Command) -> None:
         default=0,
         help="play up to N experiments of the diagnosis's own choice, until one hypothesis is left",
     )
-    parser.add_argument("--yes", action="store_true", help="do not ask before each experiment")
+    parser.add_argument("--yes", action="store_true", help="do not ask before each experiment of --until-explained")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write")
     _bench(parser)

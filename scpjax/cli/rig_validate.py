@@ -109,8 +109,8 @@ def _why(arguments: Namespace, b: Bench, out: Path, recordings: list[Recording],
 
     def agree(e: NextExperiment) -> bool:
         say(arguments, f"next experiment: {e.says}")
-        if arguments.yes or arguments.until_explained == 0:
-            return arguments.yes
+        if arguments.yes:
+            return True
         if not sys.stdin.isatty():
             say(arguments, "  not played: nobody to ask (--yes plays it)")
             return False

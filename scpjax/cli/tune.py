@@ -24,6 +24,8 @@ from scpjax.report.control import TuningReport, write_tuning
 from scpjax.report.numbers import number
 from scpjax.report.report import command_line
 
+_SEED = 211  # of the plants under --spread
+
 
 def run_tune(arguments: Namespace) -> None:
     """Tune gains for a reference; write gains.toml, figures and a page."""
@@ -31,7 +33,7 @@ def run_tune(arguments: Namespace) -> None:
     start()
     plant = named_plant(arguments.plant, arguments.radius)
     loop = Loop(plant, named_gains(arguments.gains, plant))
-    time, reference = named_reference(arguments)
+    time, reference = named_reference(arguments, seed=arguments.seed)
     dt = float(time[1] - time[0])
     plants = None if arguments.spread is None else _fleet(arguments, plant)
     problem = Problem(loop, reference, dt=dt, objective=_objective(arguments), plants=plants)
@@ -103,4 +105,5 @@ def _objective(arguments: Namespace) -> Objective:
 def _fleet(arguments: Namespace, plant: Plant) -> Plant:
     if not 0 < arguments.spread < 1:
         raise ControlError(f"a spread of {arguments.spread:g}", where="--spread", mend="give a share, such as 0.2")
-    return spread_plants(plant, arguments.spread, arguments.plants, seed=arguments.seed)
+    seed = _SEED if arguments.seed is None else arguments.seed
+    return spread_plants(plant, arguments.spread, arguments.plants, seed=seed)

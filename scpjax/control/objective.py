@@ -59,7 +59,7 @@ class Effort(Term):
 
 
 class Energy(Term):
-    """Energy [J] from the battery (see `scpjax.control.metrics.energy`)."""
+    """Energy [J] into the wires (see `scpjax.control.metrics.energy`)."""
 
     weight: Array = eqx.field(converter=scalar, default=1.0, kw_only=True)
 

@@ -50,7 +50,7 @@ _USUAL = {  # frequency [Hz], duration [s]
 class Reference:
     """A named reference: ``amplitude`` [rad], ``frequency`` [Hz], ``duration`` and ``dt`` [s].
 
-    Frequency and duration are those of Table 4.16 where they are None. For ``stair``, ``triangle``, ``multilevel``
+    Frequency and duration are as told above where they are None. For ``stair``, ``triangle``, ``multilevel``
     and ``minimum_jerk`` a level lasts ``1 / frequency``; a ``sweep`` runs from 0 up to the frequency; a
     ``step_difference`` goes up at 0 and down after half a period. With a ``seed`` the levels of ``multilevel`` are
     drawn, of 11 even ones; without they are the thesis's, again and again.

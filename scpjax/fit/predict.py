@@ -44,7 +44,7 @@ def predict(
     skipped samples, its drive is taken to have changed along a line.
 
     ``response_columns`` names the columns to give, in the unit of their suffix; those of the recording, else the
-    model's own in SI, when not given.
+    model's own in degC, mm and deg, when not given.
 
     Returns (time (n,) [s], {column: (n,)}).
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from scpjax.errors import FitError, ModelError
 from scpjax.fit.ambient import ambients
-from scpjax.fit.data import Data, pack
+from scpjax.fit.data import Data, columns, pack
 from scpjax.fit.guess import Scales, guess_base
 from scpjax.fit.noise import noise_of
 from scpjax.fit.problem import Locals, Space, Trial
@@ -212,7 +212,8 @@ def prepare(
     fixed_values = _held(s, scales, known, free_base, starts[0])
     active = np.concatenate([free_base, np.ones(space.size - len(free_base), bool)])
     driven_notes = (_DRIVEN,) if locals_.displaced and not moving else ()
-    notes = tuple(d for r in whole for d in doubts(r)) + cut_notes + notes + known_notes + driven_notes
+    notes = cut_notes + notes + known_notes + driven_notes + _unused(whole, s)
+    notes = tuple(d for r in whole for d in doubts(r)) + notes
     return Setup(s, recordings, data, space, fixed_values, active, tuple(starts), scales, tuple(known), notes)
 
 
@@ -289,6 +290,18 @@ def _known(
                 "so conductance and thermal mass are known only up to that factor"
             )
     return known, tuple(notes)
+
+
+def _unused(recordings: Sequence[Recording], s: Structure) -> tuple[str, ...]:
+    """What the recordings say that the model has no use for, in a sentence each."""
+    if s.system is not None:
+        return ()
+    said = dict.fromkeys(key for r in recordings for key, _ in r.metadata.known if key not in KNOWN)
+    notes = [f"{key} in [actuator] is not used; what can be held is {', '.join(KNOWN)}" for key in said]
+    fitted = {stem for r in recordings for _, stem in columns(s, r)}
+    left = dict.fromkeys(c.column for r in recordings for c in r.output_channels if c.stem not in fitted)
+    notes += [f"{column} is not fitted: the model {s.name} gives {', '.join(s.outputs)}" for column in left]
+    return tuple(notes)
 
 
 def bin_of(recordings: Sequence[Recording], scales: Scales, max_bins: int) -> int:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from scpjax.cli import main
+from scpjax.control.reference import Reference
 from scpjax.physics.known import known_model
 from scpjax.physics.storage import save_model
 
@@ -62,6 +63,17 @@ def test_loop_over_a_file_with_a_model(here):
     np.testing.assert_allclose(rows[:, 1], 10 * np.sin(TIME), atol=1e-4)
     assert main([*call, "--dt", "0.01", "--radius", "0.02", "--out", "fine.csv"]) == 0
     assert len(read("fine.csv")[1]) == 396
+
+
+@pytest.mark.parametrize("seed", [None, 3])
+def test_the_levels_are_those_of_the_thesis_unless_a_seed_is_given(here, seed, capsys):
+    call = ["loop", "--plant", "thesis", "--reference", "multilevel"]
+    assert main([*call, *(() if seed is None else ("--seed", str(seed))), "--out", "out.csv"]) == 0
+    assert "within reach: the joint comes to rest between -82.2 and 82.2 deg" in capsys.readouterr().out
+    _, expected = Reference(seed=seed).make("multilevel")
+    np.testing.assert_allclose(read("out.csv")[1][:, 1], np.degrees(expected), atol=1e-4)
+    levels = set(np.round(np.degrees(expected), 6))
+    assert (levels == {15.0, -10.0, -25.0, 5.0, 25.0, 10.0, -15.0}) == (seed is None)
 
 
 def test_out_of_reach_is_said(here, capsys):

@@ -20,11 +20,12 @@ class AntagonistLoad(Mechanism):
     title = "Something pulls back"
     subsystem = "thermomechanical"
     equation = (
-        "law one-sided spring: F = -a k (x - x_0) beyond x_0;  law hardening: F = -a k (x - x_0)^2/x_ref beyond x_0;  "
-        "law rubber band: F = -a k L (f(s) - f(s_0)), f = (s - 1/s^2)(1 + 1/s)/f'(s_0), s = s_0 + x/L, s_0 = 1.1;  "
+        "law one-sided spring: F = -a k (x - X) beyond X = x_0 x_ref;  law hardening: F = -a k (x - X)^2/x_ref "
+        "beyond X;  law rubber band: F = -a k L x_ref (f(s) - f(s_0)), f = (s - 1/s^2)(1 + 1/s)/f'(s_0), "
+        "s = s_0 + x/(L x_ref), s_0 = 1.1;  "
         "law link: F = -a k x_ref (sin(phi_0 + x/r) - sin(phi_0)) on a joint whose pulley has the radius r;  "
-        "law uneven: the antagonist pulls with c (1 + g);  law uneven, one-sided spring: and, stretched beyond x_0, "
-        "is such a spring;  law lifted weight: F = -a k x_ref (1 - exp(-x/x_0)) where x > 0, rounded over x_0/50, of "
+        "law uneven: the antagonist pulls with c (1 + g);  law uneven, one-sided spring: and, stretched beyond X, "
+        "is such a spring;  law lifted weight: F = -a k x_ref (1 - exp(-x/X)) where x > 0, rounded over X/50, of "
         "the agonist of a joint"
     )
     source = (

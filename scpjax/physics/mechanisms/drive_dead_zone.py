@@ -22,10 +22,10 @@ class DriveDeadZone(Mechanism):
     title = "Small drives do not reach the wire"
     subsystem = "drive"
     equation = (
-        "law threshold: V_wire = max(|V| - V_0, 0), corner rounded over w V_0;  "
-        "law gate: V_wire = V / sqrt(1 + (V_0/V)^(2 n)): V well above V_0, nothing well below;  "
-        "law gate, shouldered: V_wire = V (1 + (V_0/V)^(a n))^(-1/a), which is law gate for a = 2;  law gate, Weibull: "
-        "V_wire = V (1 - exp(-(V/V_0)^n))"
+        "law threshold: V_wire = max(|V| - V_t, 0), V_t = V_0 V_ref, corner rounded over w V_t;  "
+        "law gate: V_wire = V / sqrt(1 + (V_t/V)^(2 n)): V well above V_t, nothing well below;  "
+        "law gate, shouldered: V_wire = V (1 + (V_t/V)^(a n))^(-1/a), which is law gate for a = 2;  law gate, Weibull: "
+        "V_wire = V (1 - exp(-(V/V_t)^n))"
     )
     source = (
         "dead zone of an actuator: Tao, Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities "

@@ -23,8 +23,9 @@ class Hysteresis(Mechanism):
     title = "Hysteresis"
     subsystem = "thermomechanical"
     equation = (
-        "F = -h k w z;  law Bouc-Wen: dz/dt = (v/w) (1 - |z|^n (1 + sign(v z))/2);  law Duhem: dz/dt = (v - |v| z)/w;  "
-        "law plays: three plays, F = -h k sum m_i p_i w_i z_i, w_i = w, 0.6 w and 0.25 w, p_i = exp(-w_i/2w)/sum, "
+        "F = -h k w x_ref z;  law Bouc-Wen: dz/dt = v/(w x_ref) (1 - |z|^n (1 + sign(v z))/2);  law Duhem: "
+        "dz/dt = (v - |v| z)/(w x_ref);  law plays: three plays, F = -h k x_ref sum m_i p_i w_i z_i, "
+        "w_i = w, 0.6 w and 0.25 w, p_i = exp(-w_i/2w)/sum, "
         "m_1 = 1, m_2 and m_3 estimated, z_i as Bouc-Wen with n = 8 and w_i;  laws thermal, part of what warmth "
         "pulls: plays, Duhem moved by dT/dt x_ref/T_ref in place of v;  law thermal Preisach: "
         "F = h k x_ref sum m_i p_i (g - g(0) - w_i (z_i + 1)), plays moved by dg/dt x_ref, "

@@ -20,9 +20,8 @@ class NonlinearThermalForce(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "law quadratic: F = C T (1 + a T/T_ref);  law saturating: F = C T / sqrt(1 + a (T/T_ref)^2);  "
-        "law threshold: F = C (T + a ramp(T - T_g)), the ramp's corner rounded over T_ref/10, law glass transition: "
-        "over w T_ref;  "
-        "law power: F = C T |T/T_ref|^a, rounded within T_ref/50 of ambient"
+        "law threshold: F = C (T + a ramp(T - T_g T_ref)), the ramp's corner rounded over T_ref/10, law glass "
+        "transition: over w T_ref;  law power: F = C T |T/T_ref|^a, rounded within T_ref/50 of ambient"
     )
     source = (
         "expansion of drawn nylon grows with temperature, with a change at the glass transition: "

@@ -15,9 +15,9 @@ class SensorDrift(Mechanism):
     title = "A sensor drifts"
     subsystem = "sensor"
     equation = (
-        "y = value + d y_ref s(t), of the displacement or of the temperature;  s = t/t_ref, "
+        "y = x + d x_ref s(t), or y = T + d T_ref s(t);  s = t/t_ref, "
         "1 - exp(-t/tau) under the laws that settle, (t/t_ref)^n under those of a power;  "
-        "laws of a gain: y = value (1 + d t/t_ref)"
+        "laws of a gain: x or T times 1 + d t/t_ref"
     )
     source = "zero drift, sensitivity drift and warm-up drift: Doebelin, Measurement Systems, ch. 3"
     says = "The sensor's zero or its sensitivity moves with time, whatever the actuator does."

@@ -18,11 +18,11 @@ class Slack(Mechanism):
     title = "Slack in the tendon"
     subsystem = "thermomechanical"
     equation = (
-        "law tendon: the sensor's side moves by x - clip(x, -g, g);  "
-        "law pull: F = P - clip(P, -k g, k g), P all that warmth pulls;  corners of both rounded over w g;  "
-        "law toe: F = P |P| / (4 k g) up to P = 2 k g, P - k g beyond;  law cables, of a joint: "
-        "F = max(P - S - k g, 0) in place of P - S, S all with which the spring answers, for each side, rounded over "
-        "k g/50; what else pushes still does"
+        "law tendon: the sensor's side moves by x - clip(x, -G, G), G = g x_ref;  "
+        "law pull: F = P - clip(P, -k G, k G), P all that warmth pulls;  corners of both rounded over w G;  "
+        "law toe: F = P |P| / (4 k G) up to P = 2 k G, P - k G beyond;  law cables, of a joint: "
+        "F = max(P - S - k G, 0) in place of P - S, S all with which the spring answers, for each side, rounded over "
+        "k G/50; what else pushes still does"
     )
     source = (
         "dead zone of a slack cable: Tao, Kokotovic, Adaptive Control of Systems with Actuator and Sensor "

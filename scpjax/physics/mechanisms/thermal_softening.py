@@ -18,8 +18,8 @@ class ThermalSoftening(Mechanism):
     subsystem = "thermomechanical"
     equation = (
         "law linear: F = -S (1 - a T/T_ref), S all with which the spring answers;  law glass transition: "
-        "F = -S (1 - a s(T)), s = (1 + tanh((T - T_g)/w))/2 less what that is at T = 0;  law exponential: "
-        "F = -S exp(-a T/T_ref);  law WLF: F = -S exp(-a r (1 + T_g)/max(T_g + r, 1/20)), r = T/T_ref"
+        "F = -S (1 - a s(T)), s = (1 + tanh((r - T_g)/w))/2 less what that is at T = 0;  law exponential: "
+        "F = -S exp(-a r);  law WLF: F = -S exp(-a r (1 + T_g)/max(T_g + r, 1/20));  r = T/T_ref"
     )
     source = (
         "modulus of nylon against temperature, halved through its glass transition at 40 to 60 degC: "
