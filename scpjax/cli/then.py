@@ -11,7 +11,7 @@ from typing import Any
 
 from scpjax.cli.program import OutputError, say
 from scpjax.diagnose.profiles import Limits
-from scpjax.diagnose.proposal import CSV_NAME
+from scpjax.diagnose.proposal import CSV_NAME, NO_EXPERIMENT
 from scpjax.diagnose.result import Diagnosis
 from scpjax.errors import RecordingError
 from scpjax.recordings.recording import Recording, place
@@ -143,7 +143,7 @@ def _probabilities(ranking: Sequence[Any], mechanisms: Sequence[Any]) -> dict[st
     out: dict[str, float] = {}
     for r in ranking:
         out[r["name"]] = max(out.get(r["name"], 0.0), float(r["probability"]))
-    return out | {m["name"]: max(out.get(m["name"], 0.0), float(m["probability"])) for m in mechanisms}
+    return out | {m["name"]: float(m["probability"]) for m in mechanisms}
 
 
 def probability_changes(before: Earlier, found: Diagnosis) -> list[str]:
@@ -165,6 +165,8 @@ def say_next(arguments: Namespace, d: Diagnosis, *, asked: bool) -> None:
     if e is not None:
         say(arguments, f"\nnext experiment: {e.says}")
         say(arguments, f"  {e.standard}, within the same limits, would bring {number(e.standard_bits, 3)} bits")
+    elif failed := next((n for n in d.notes if n.startswith(NO_EXPERIMENT)), ""):
+        say(arguments, f"\n{failed}")
     elif asked:
         say(arguments, "\nnext experiment: none; no two hypotheses are close, or none within these limits parts them")
     elif any(m.equivalents or m.as_well for m in d.mechanisms):

@@ -160,7 +160,7 @@ def _named(
                 law=laws[name],
                 probability=choice.probability.get(name, 0.0),
                 parameters=mine,
-                equivalents=choice.equivalents.get(name, ()),
+                equivalents=tuple(n for n in choice.equivalents.get(name, ()) if n not in choice.state.names),
                 says=m.says,
                 equation=m.equation,
                 source=m.source,

@@ -12,6 +12,7 @@ from scpjax.diagnose.answer import answer
 from scpjax.diagnose.beyond import Beyond, able
 from scpjax.diagnose.choice import Choice, Progress
 from scpjax.diagnose.evidence import Evidence, ahead, is_better
+from scpjax.diagnose.experiment import check_limits
 from scpjax.diagnose.expression import in_words
 from scpjax.diagnose.free import nameless
 from scpjax.diagnose.given_up import beyond_names, form_rather_than_name, nothing_explains, outdone
@@ -22,12 +23,14 @@ from scpjax.diagnose.locate import observe
 from scpjax.diagnose.naming import Found, find_names, state_at
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.profiles import Limits
+from scpjax.diagnose.proposal import NO_EXPERIMENT
 from scpjax.diagnose.remainder import AT_NOISE, level, swings_within_bins
 from scpjax.diagnose.result import Diagnosis, Latent
 from scpjax.diagnose.rhythm import Rhythm, rhythms, ripple
 from scpjax.diagnose.rivals import Outcome, next_experiment
 from scpjax.diagnose.screen import ready
 from scpjax.diagnose.swing import Swing, swinging
+from scpjax.errors import FitError
 from scpjax.fit.fit import best_start, refine, settle
 from scpjax.fit.setup import Setup, prepare, what_there_is
 from scpjax.physics.catalogue import applicable, left_out
@@ -64,7 +67,8 @@ def diagnose(
     Stretches of every recording are held out from fitting and judge every choice; the model returned is then fitted to
     all of it. ``progress(text, fraction)`` is called between steps.
 
-    **Raises** `FitError`, `RecordingError` for recordings that cannot be fitted.
+    **Raises** `FitError`, `RecordingError` for recordings that cannot be fitted, and limits that leave no experiment
+    (a note tells of it where that shows in the end only).
     """
     options = options or DiagnoseOptions()
     began, patience = time.monotonic(), Patience(options.patience)
@@ -73,6 +77,8 @@ def diagnose(
     setup = prepare(
         recordings, model=model, fixed=fixed, bin=options.bin, order=options.order, substeps=options.substeps
     )
+    if options.next is not None:
+        check_limits(options.next, setup)
     there = what_there_is(setup.structure, setup.recordings)
     catalogue = grown(setup, *(m for m in left_out() if applicable(m, there)))
     tell("fitting the base model", 0.05)
@@ -106,7 +112,11 @@ def diagnose(
     beyond = learned.state if learned else None
     alike = {in_words(c): c.state for c in as_well}
     outcome = Outcome(base, choice.state, beyond, choice.ranking, choice.equivalents, alike)
-    return replace(told, next_experiment=next_experiment(outcome, parts, options.next, lambda text: tell(text, 0.9)))
+    try:
+        proposed = next_experiment(outcome, parts, options.next, lambda text: tell(text, 0.9))
+    except FitError as error:  # what was found is not lost for that
+        return replace(told, notes=(*told.notes, f"{NO_EXPERIMENT}{error}"))
+    return replace(told, next_experiment=proposed)
 
 
 def _base(setup: Setup) -> tuple[Split, State, tuple[str, ...]]:

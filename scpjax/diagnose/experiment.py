@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from scpjax.diagnose.heat import allowed, doubt, played
+from scpjax.diagnose.heat import allowed, doubt, limit, played
 from scpjax.diagnose.hypothesis import State, residual_on
 from scpjax.diagnose.profiles import Frame, Limits, again, frame, standards
 from scpjax.diagnose.proposal import NextExperiment
@@ -204,12 +204,26 @@ def _order(setup: Setup) -> tuple[int, ...]:
     return tuple(next(i for i, stem in enumerate(stems) if stem.endswith(f"_{side}")) for side in sides)
 
 
+def check_limits(limits: Limits, setup: Setup) -> None:
+    """Whether limits leave an experiment, as far as that can be said before anything is named.
+
+    **Raises** `FitError` where they do not.
+    """
+    _framed(limits, setup)
+    if limits.hottest is not None:
+        limit(setup, limits.hottest)
+
+
+def _framed(limits: Limits, setup: Setup) -> tuple[Frame, tuple[Channel, ...]]:
+    channels = tuple(setup.recordings[0].input_channels[i] for i in _order(setup))
+    return frame(limits, setup.recordings, channels, setup.scales.response / _FINEST), channels
+
+
 def _search(states: Sequence[State], data: Data, limits: Limits, labels: Sequence[str]) -> _Search:
     setup = states[0].setup
     best = min(states, key=lambda s: float(np.sum(s.residual**2)))
     weights = noise_weights(best, data)
-    channels = tuple(setup.recordings[0].input_channels[i] for i in _order(setup))
-    f = frame(limits, setup.recordings, channels, setup.scales.response / _FINEST)
+    f, channels = _framed(limits, setup)
     rivals = tuple(rival(s, data, weights, label) for s, label in zip(states, labels, strict=True))
     scene = Scene(rivals, weights * np.sqrt(f.every), f.step)
     return _Search(scene, f, allowed(states, data, limits.hottest), limits.hottest is not None, channels)

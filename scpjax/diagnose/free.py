@@ -7,6 +7,7 @@ temperature a softening. Where no mechanism alone comes down to the noise, such 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, ahead, are_equal, ch
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.remainder import AT_NOISE, level
+from scpjax.fit.setup import Setup, what_there_is
+from scpjax.physics.catalogue import applicable, mechanism
+from scpjax.physics.curves import Form
 
 
 @dataclass(frozen=True)
@@ -29,7 +33,7 @@ class Free:
     def choice(self, base: State, tried: Choice) -> Choice:
         """As what is chosen, after what was tried: of the names of a curve the one whose laws came nearest first."""
         near = {r.name: r.delta_bic for r in reversed(tried.ranking) if r.round == 1}
-        name = max(self.curve.form.names, key=lambda n: near.get(n, -np.inf))
+        name = max(named_by(self.curve.form, base.setup), key=lambda n: near.get(n, -np.inf))
         others = [n for n in self.names if n != name]
         return Choice(base, tried.ranking, {name: self.probability}, {name: tuple(others)}, free=name)
 
@@ -38,16 +42,19 @@ def free_law(base: State, rival: State, split: Split, rules: Evidence) -> Free |
     """The mechanism that under a law of its own comes down to the noise alone, with more evidence than ``rival`` (what
     the laws of the catalogue made of it); None where none does, or where a curve that has no name is as likely.
     """
-    found = [finer(c, base, split, rules) for c in curves(base, split, rules, allowed=lambda form: bool(form.names))]
+    names_of = partial(named_by, setup=base.setup)
+    found = [
+        finer(c, base, split, rules) for c in curves(base, split, rules, allowed=lambda form: bool(names_of(form)))
+    ]
     able = [c for c in found if _fitted(c, split) <= AT_NOISE and is_better(c.state, rival, split, rules)]
     if not able:
         return None
     best = max(able, key=lambda c: ahead(c.state, base, split, rules))
-    nameless = curves(base, split, rules, allowed=lambda form: not form.names)
+    nameless = curves(base, split, rules, allowed=lambda form: not names_of(form))
     if any(ahead(finer(c, base, split, rules).state, best.state, split, rules) > 0 for c in nameless):
         return None
     alike = [c for c in able if c is not best and are_equal(c.state, best.state, base, split, rules)]
-    names = dict.fromkeys(n for c in (best, *alike) for n in c.form.names)
+    names = dict.fromkeys(n for c in (best, *alike) for n in names_of(c.form))
     return Free(best, tuple(names)[: EQUIVALENTS + 1], chance_against(best.state, rival, split, rules))
 
 
@@ -59,14 +66,14 @@ def one_for_several(base: State, choice: Choice, split: Split, rules: Evidence) 
     where = {subsystem for n in state.names for subsystem in _where(n) or ("",)}
     if len(state.names) < 2 or len(where) > 1 or "" in where:
         return None
-    found = [
-        finer(c, base, split, rules) for c in curves(base, split, rules, [*where], allowed=lambda f: bool(f.names))
-    ]
+    names_of = partial(named_by, setup=base.setup)
+    able = curves(base, split, rules, [*where], allowed=lambda form: bool(names_of(form)))
+    found = [finer(c, base, split, rules) for c in able]
     found = [c for c in found if are_equal(c.state, state, base, split, rules)]
     if not found:
         return None
     best, *others = sorted(found, key=lambda c: -ahead(c.state, base, split, rules))
-    names = dict.fromkeys(n for c in (best, *others) for n in c.form.names)
+    names = dict.fromkeys(n for c in (best, *others) for n in names_of(c.form))
     return Free(best, tuple(names)[: EQUIVALENTS + 1], min(choice.probability[n] for n in state.names))
 
 
@@ -80,8 +87,17 @@ def nameless(base: State, choice: Choice, split: Split, rules: Evidence) -> tupl
     where = _where(state.names[0])
     if not where:
         return ()
-    found = curves(base, split, rules, where, allowed=lambda form: not form.names and form.variable != "time")
+    names_of = partial(named_by, setup=base.setup)
+    found = curves(base, split, rules, where, allowed=lambda form: not names_of(form) and form.variable != "time")
     return tuple(c for c in found if are_equal(c.state, state, base, split, rules))
+
+
+def named_by(form: Form, setup: Setup) -> tuple[str, ...]:
+    """The mechanisms that a curve of a form may be, of those that can act in this model: what lacks of the heat of a
+    source of power is no sag of a supply.
+    """
+    there = what_there_is(setup.structure, setup.recordings)
+    return tuple(n for n in form.names if applicable(mechanism(n), there))
 
 
 def _where(name: str) -> list[str]:

@@ -15,10 +15,11 @@ from scpjax.diagnose.separation import Rival
 from scpjax.errors import FitError
 from scpjax.fit.data import Data
 from scpjax.fit.problem import Space, Trial, by_recording, initial_state, unpack
+from scpjax.fit.setup import Setup
 from scpjax.fit.space import measured
 from scpjax.physics.model import Model
 from scpjax.recordings.recording import Recording
-from scpjax.simulate.drive import Grid
+from scpjax.simulate.drive import Grid, recorded_effort
 from scpjax.simulate.simulate import Exponential, node_states, simulate
 
 
@@ -49,20 +50,25 @@ def allowed(states: Sequence[State], data: Data, hottest: float | None) -> tuple
 
     **Raises** `FitError` for a limit where no thermometer sets the scale of the temperature, or one below ambient.
     """
-    setup = states[0].setup
-    if not setup.structure.thermal:
-        return tuple(np.inf for _ in states)
     if hottest is None:
-        return tuple(reached(s, data) for s in states)
+        heated = states[0].setup.structure.thermal
+        return tuple(reached(s, data) if heated else np.inf for s in states)
+    return (limit(states[0].setup, hottest),) * len(states)
+
+
+def limit(setup: Setup, hottest: float) -> float:
+    """A limit on temperature [K] as one above ambient; inf where nothing is heated. **Raises** as `allowed`."""
+    if not setup.structure.thermal:
+        return np.inf
     if not measured(setup.structure, setup.recordings)[0]:
         raise FitError(
             "a limit on temperature needs a thermometer: from volts and displacement its scale is not known",
             mend="record the temperature, or leave the limit out: the profile then stays as hot as what was recorded",
         )
-    above = hottest - float(np.asarray(data.ambient)[0])
+    above = hottest - float(np.asarray(setup.data.ambient)[0])
     if not above > 0:
         raise FitError(f"a limit of {hottest - 273.15:g} degC is below ambient", mend="allow a higher temperature")
-    return tuple(above for _ in states)
+    return above
 
 
 def doubt(r: Rival, hot_slope: Float[np.ndarray, "n sides p"]) -> float:
@@ -86,10 +92,8 @@ def played(r: Rival, recording: Recording) -> tuple[np.ndarray, float]:
     model = r.model(r.centre)
     start = model.initial()
     if not model.structure.thermal:
-        from scpjax.simulate.drive import drive_values, effort
-
-        first = np.asarray(drive_values(model.structure, recording))[0]
-        start = model.initial(effort=jnp.asarray(effort(model.structure.drive, first, ambient=model.ambient)))
+        first = np.asarray(recorded_effort(model.structure, recording, ambient=model.ambient))[0]
+        start = model.initial(effort=jnp.asarray(first))
     path = simulate(model, recording, initial=start, method=Exponential(order=4))
     sides = len(model.structure.sides)
     hot = float(np.max(np.asarray(path.states)[:, :sides])) if model.structure.thermal else -np.inf

@@ -215,6 +215,8 @@ def _settled(parts: Split, base: State, choice: Choice, rules: Evidence) -> tupl
     state, timed = _timed(choice.state, parts, base)
     if timed is parts:
         return parts, base, choice
+    trial, _, _ = refine(base.setup, timed.train, base.trial)
+    base = state_at(base.setup, timed, trial)
     if len(state.names) > 1:
         pruned = prune(state, timed, rules)
         if pruned.names != state.names:

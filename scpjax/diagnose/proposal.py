@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 CSV_NAME = "next_experiment.csv"
+NO_EXPERIMENT = "next experiment: none; "  # begins the note of limits that left none
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,7 @@ def ambients(recordings: Sequence[Recording], s: Structure, sigma: float) -> tup
 
     ``sigma`` [K] is the thermometer's noise. Beginnings that differ by no more than noise are taken for one.
     """
-    known = [_told(r, s) for r in recordings]
+    known = [told_ambient(r, s) for r in recordings]
     begun = {i: b for i, r in enumerate(recordings) if known[i] is None and (b := _beginning(r, s, sigma)) is not None}
     together = _common(list(begun.values()))
     notes, names = [], [r.metadata.name or f"recording {i}" for i, r in enumerate(recordings)]
@@ -34,7 +34,8 @@ def ambients(recordings: Sequence[Recording], s: Structure, sigma: float) -> tup
     return [_FALLBACK if value is None else value for value in known], doubted + tuple(notes)
 
 
-def _told(r: Recording, s: Structure) -> float | None:
+def told_ambient(r: Recording, s: Structure) -> float | None:
+    """Ambient [K] that a recording tells, or of a temperature that drives, from where it counts; None where neither."""
     thermometer = s.thermal and any(c.stem.startswith("temperature") for c in r.output_channels)
     if r.metadata.ambient_K is not None or thermometer or s.drive != "temperature":
         return r.metadata.ambient_K

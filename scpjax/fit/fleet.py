@@ -17,7 +17,7 @@ from scpjax.fit.fit import FitOptions, final_model, noise_by_column, scores, tra
 from scpjax.fit.identifiability import estimates, uncertainty
 from scpjax.fit.problem import Space, Trial
 from scpjax.fit.result import Fit
-from scpjax.fit.setup import Setup, choose_model, prepare
+from scpjax.fit.setup import Setup, choose_model, prepare, usual_substeps
 from scpjax.fit.solve import pick, solve_fleet, stack
 from scpjax.parameter import Bounded
 from scpjax.recordings.recording import Recording
@@ -90,8 +90,8 @@ def _setups(
     setups: dict[int, Setup] = {}
     failures: dict[int, str] = {}
     for recordings in actuators:
-        for r in recordings:
-            steps = max(steps, grid_of(r.time, substeps=options.substeps or 1)[1])
+        fine = options.substeps or usual_substeps(recordings, model)
+        steps = max([steps, *(grid_of(r.time, substeps=fine)[1] for r in recordings)])
     steps = 64 * -(-steps // 64)
     bin = options.bin or _common_bin(actuators)
     for i, recordings in enumerate(actuators):
@@ -104,7 +104,7 @@ def _setups(
                 fixed=fixed,
                 bin=bin,
                 order=options.order,
-                substeps=options.substeps or 1,
+                substeps=options.substeps,
                 prior_strength=options.prior,
                 release=options.release,
                 pad_to=steps,
@@ -201,7 +201,8 @@ def _pad(setup: Setup, r: int) -> Setup:
     n_local = setup.space.locals.count(setup.structure)
     grow = lambda x: np.concatenate([x, np.repeat(x[-1:], more, axis=0)])  # noqa: E731
     old: Data = jax.tree.map(np.asarray, setup.data)
-    data = jax.tree.map(grow, eqx.tree_at(lambda d: d.sigma, old, np.zeros((have, 1))))
+    shared = lambda d: (d.sigma, d.colour)  # noqa: E731  # by output, not by recording
+    data = jax.tree.map(grow, eqx.tree_at(shared, old, (np.zeros((have, 1)),) * 2))
     for name, empty in (
         ("weights", 0.0),
         ("at_start", 0.0),
@@ -212,7 +213,7 @@ def _pad(setup: Setup, r: int) -> Setup:
         leaf = np.array(getattr(data, name))
         leaf[have:] = empty
         data = eqx.tree_at(lambda d, n=name: getattr(d, n), data, leaf)
-    data = jax.tree.map(jnp.asarray, eqx.tree_at(lambda d: d.sigma, data, old.sigma))
+    data = jax.tree.map(jnp.asarray, eqx.tree_at(shared, data, shared(old)))
     tail = lambda x: np.concatenate([np.asarray(x), np.tile(np.asarray(x)[len(x) - n_local :], more)])  # noqa: E731
     b = setup.space.bounds
     bounds: Bounded = jax.tree.map(lambda x: jnp.asarray(tail(x)), b)

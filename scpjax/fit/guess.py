@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from scpjax.fit.start import Linear, best_linear, thermal_mass_from_energy
 from scpjax.physics.structure import Structure
 from scpjax.recordings.condition import resample
 from scpjax.recordings.recording import Recording
-from scpjax.simulate.drive import drive_values, effort
+from scpjax.simulate.drive import drive_values, recorded_effort
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,7 @@ def _uniform(r: Recording, structure: Structure, ambient: float) -> tuple[float,
     even = r if r.is_uniform else resample(r)
     n, period = even.n, even.period
     step = max(n // 6000, 1)
-    e = np.asarray(
-        effort(
-            structure.drive,
-            drive_values(structure, even),
-            ambient=ambient,
-            supply=even.metadata.supply_V or 3.7,
-        )
-    )
+    e = np.asarray(recorded_effort(structure, even, ambient=ambient))
     outputs = {j: even.output(stem) for j, stem in columns(structure, even)}
     if step == 1 or not structure.thermal:  # a mechanical signal would alias
         keep = min(n, 12000)
@@ -59,17 +52,27 @@ def _uniform(r: Recording, structure: Structure, ambient: float) -> tuple[float,
 def guess_base(
     recordings: Sequence[Recording], s: Structure, ambient: Sequence[float], known: Mapping[str, float]
 ) -> tuple[list[Guess], Scales]:
-    """Base parameter values from the data, several where the data leave a choice; best first."""
+    """Base parameter values from the data, several where the data leave a choice; best first.
+
+    The heat balance is read off the recording driven most, for longest, of those with a thermometer, the force balance
+    off that of those with a displacement.
+    """
     if s.system:
         return _system_guess(recordings, s, ambient)
-    longest = int(np.argmax([np.ptp(np.asarray(drive_values(s, r)), axis=0).sum() * r.duration for r in recordings]))
-    r = recordings[longest]
-    period, e, outputs = _uniform(r, s, ambient[longest])
+    last = len(s.outputs) - 1
     thermal: dict[str, float] = {}
-    side = int(np.argmax(np.ptp(e, axis=0)))
     gain = known.get("joule_heating.gain", 1.0)
+    every, heated = 1.0, np.zeros(1)
     if s.thermal:
-        thermal = _thermal_guess(period, e[:, side], outputs.get(side), gain, ambient[longest], known)
+        warmed = _driven_most(recordings, s, range(last) if s.mechanical else range(last + 1))
+        every, both, outputs = _uniform(recordings[warmed], s, ambient[warmed])
+        at = int(np.argmax(np.ptp(both, axis=0)))
+        heated = both[:, at]
+        thermal = _thermal_guess(every, heated, outputs.get(at), gain, ambient[warmed], known)
+    moved = _driven_most(recordings, s, [last] if s.mechanical else range(last + 1))
+    r = recordings[moved]
+    period, e, outputs = _uniform(r, s, ambient[moved])
+    side = int(np.argmax(np.ptp(e, axis=0)))
     guesses, response, peak = _mechanical_guess(
         s, period, e, outputs, thermal, gain, known, side, held=r.hold == "zero_order"
     )
@@ -77,16 +80,21 @@ def guess_base(
         decay = thermal.get("newton_cooling.conductance", 1.0) / thermal.get("newton_cooling.thermal_mass", 1.0)
         response = 1 / decay if thermal else response
         v = guesses[0].values
-        peak = _first_order(gain * e[:, side] / v["newton_cooling.thermal_mass"], response, period).max()
+        peak = _first_order(gain * heated / v["newton_cooling.thermal_mass"], response, every).max()
     travel = 1.0
-    if s.mechanical:
-        last = len(s.outputs) - 1
-        if last in outputs:
-            x = outputs[last] * (s.pulley_radius or 1.0)
-            travel = float(np.max(np.abs(x - np.median(x[: max(len(x) // 200, 1)])))) or 1.0
-    drive = float(np.sqrt(np.max(np.abs(e)))) or 1.0
+    if s.mechanical and last in outputs:
+        x = outputs[last] * (s.pulley_radius or 1.0)
+        travel = float(np.max(np.abs(x - np.median(x[: max(len(x) // 200, 1)])))) or 1.0
+    drive = float(np.sqrt(max(np.max(np.abs(e)), np.max(np.abs(heated))))) or 1.0
     scales = Scales(response, max(q.duration for q in recordings), float(max(peak, 1e-9)), travel, drive)
     return guesses, scales
+
+
+def _driven_most(recordings: Sequence[Recording], s: Structure, outputs: Iterable[int]) -> int:
+    """Which recording was driven most, for longest, of those with one of some outputs, or of all where none has."""
+    having = [i for i, r in enumerate(recordings) if any(j in {*outputs} for j, _ in columns(s, r))]
+    driven = [np.ptp(np.asarray(drive_values(s, r)), axis=0).sum() * r.duration for r in recordings]
+    return max(having or range(len(recordings)), key=lambda i: driven[i])
 
 
 def _system_guess(

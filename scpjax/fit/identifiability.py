@@ -62,7 +62,8 @@ def uncertainty(
     """Uncertainty of a trial at its solution.
 
     Gauss-Newton covariance, scaled by the residual variance and, with ``coloured``, by their correlation time.
-    ``at`` holds residuals and Jacobian there when a solver has left them.
+    ``at`` holds residuals and Jacobian there when a solver has left them. What the outputs have no finite derivative by
+    there counts as not seen in them: its prior alone bounds it, or the range that it may have.
     """
     if at is None:
         here = evaluate(stack([trial]), data, space)
@@ -72,6 +73,7 @@ def uncertainty(
     real = index < space.size
     jac = jac[:, real]
     n = data.target.size
+    jac = np.where(np.all(np.isfinite(jac), axis=0) | (np.arange(len(r)) >= n)[:, None], jac, 0.0)
     there = np.array(np.isfinite(np.asarray(data.norm)))
     binned = r[:n].reshape(there.shape)
     for j in np.flatnonzero(np.any(np.asarray(data.colour) != 0, axis=1)):
@@ -81,6 +83,8 @@ def uncertainty(
     factor = correlation_time(binned, there) if coloured else 1.0
     weight = np.concatenate([np.full(n, 1 / np.sqrt(max(variance, 1e-300) * factor)), np.ones(len(r) - n)])
     information = (jac * weight[:, None]).T @ (jac * weight[:, None])
+    unseen = np.flatnonzero(np.diag(information) == 0.0)  # nor bounded by a prior: anywhere within its bounds
+    information[unseen, unseen] = np.minimum(np.asarray(space.bounds.half)[index[real][unseen]], 1e6) ** -2.0
     covariance = np.linalg.pinv(information, rcond=1e-14, hermitian=True)
     keys = tuple(space.keys[i] for i in index[real])
     rank, words = _open_directions(jac[:n] * weight[:n, None], keys, trial, space, index[real])

@@ -17,7 +17,7 @@ from scpjax.physics.model import Model
 from scpjax.physics.settled import settled
 from scpjax.physics.structure import Structure
 from scpjax.recordings.recording import Recording
-from scpjax.simulate.drive import drive_values, effort
+from scpjax.simulate.drive import drive_values, recorded_effort
 from scpjax.simulate.simulate import Exponential, Method, simulate
 from scpjax.units import parse_column
 
@@ -190,9 +190,7 @@ def period_of(drive: Float[np.ndarray, " n"], *, tolerance: float = 0.05) -> int
 
 
 def _first_effort(model: Model, recording: Recording) -> np.ndarray:
-    values = np.asarray(drive_values(model.structure, recording))[:1]
-    supply = recording.metadata.supply_V or 3.7
-    return np.asarray(effort(model.structure.drive, values, ambient=float(model.ambient), supply=supply))[0]
+    return np.asarray(recorded_effort(model.structure, recording, ambient=float(model.ambient)))[0]
 
 
 def _first_outputs(model: Model, recording: Recording) -> dict[int, tuple[float, str, float]]:

@@ -10,7 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from scpjax.errors import FitError, ModelError
+from scpjax.errors import FitError, ModelError, ScpjaxError
 from scpjax.fit.ambient import ambients
 from scpjax.fit.data import Data, columns, pack
 from scpjax.fit.guess import Scales, guess_base
@@ -25,7 +25,7 @@ from scpjax.physics.presets import system_structure
 from scpjax.physics.structure import DriveKind, Structure
 from scpjax.recordings.plausible import doubts
 from scpjax.recordings.recording import Recording, check_informative
-from scpjax.simulate.drive import drive_kind, drive_values, effort
+from scpjax.simulate.drive import drive_kind, recorded_effort
 
 KNOWN = {
     "resistance_ohm": "joule_heating.gain",
@@ -191,9 +191,7 @@ def prepare(
     s = s.with_mechanisms(*(m for m in extra if applicable(m, what_there_is(s, recordings))))
     whole = recordings if s.system is None else ()  # columns of a base of the user's own may mean anything
     recordings, cut_notes = cut_long(recordings, s)
-    if substeps is None:  # a band-limited drive bends within a sampling period
-        substeps = 2 if any(r.hold == "band_limited" for r in recordings) else 1
-        substeps *= s.system.substeps if s.system else 1
+    substeps = substeps or _usual_substeps(recordings, s)
     sigma = noise_of(recordings, s)
     ambient, notes = ambients(recordings, s, float(sigma[0]))
     known, known_notes = _known(recordings, s, fixed or {})
@@ -228,6 +226,21 @@ def _held(
         if slot.parameter.null is None and not free_base[i]:
             values[i] = start[i]
     return values
+
+
+def usual_substeps(recordings: Sequence[Recording], model: str | None) -> int:
+    """Steps of the integrator in a sample of these recordings, where nothing is told of it; 1 where there is no model
+    for them.
+    """
+    try:
+        return _usual_substeps(recordings, structure_for(recordings, model))
+    except ScpjaxError:  # `prepare` tells of it
+        return 1
+
+
+def _usual_substeps(recordings: Sequence[Recording], s: Structure) -> int:
+    bends = any(r.hold == "band_limited" for r in recordings)  # within a sampling period
+    return (2 if bends else 1) * (s.system.substeps if s.system else 1)
 
 
 def what_there_is(s: Structure, recordings: Sequence[Recording]) -> set[str]:
@@ -281,7 +294,7 @@ def _known(
         known[key] = float(value)
     notes = []
     if s.thermal and "joule_heating.gain" not in known:
-        top = max(float(np.max(np.abs(np.asarray(effort(s.drive, drive_values(s, r)))))) for r in recordings)
+        top = max(float(np.max(np.abs(np.asarray(recorded_effort(s, r))))) for r in recordings)
         gain = 1.0 if s.drive == "power" else 1.0 / top
         known["joule_heating.gain"] = gain
         if s.drive != "power":
@@ -305,8 +318,10 @@ def _unused(recordings: Sequence[Recording], s: Structure) -> tuple[str, ...]:
 
 
 def bin_of(recordings: Sequence[Recording], scales: Scales, max_bins: int) -> int:
-    """Samples per bin: few enough bins to be quick, each far shorter than the response."""
-    period = min(r.period for r in recordings)
-    widest = max(int(scales.response / 25 / period), 1)
+    """Samples per bin: few enough bins to be quick, each far shorter than the response, also of what was sampled less
+    often.
+    """
+    periods = [r.period for r in recordings]
+    widest = max(int(min(scales.response / 25 / min(periods), scales.response / 8 / max(periods))), 1)
     wanted = max(-(-max(r.n for r in recordings) // max_bins), 1)
     return min(widest, wanted)

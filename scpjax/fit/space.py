@@ -16,7 +16,7 @@ from scpjax.physics.model import Model
 from scpjax.physics.settled import settled
 from scpjax.physics.structure import Structure
 from scpjax.recordings.recording import Recording
-from scpjax.simulate.drive import drive_values, effort
+from scpjax.simulate.drive import recorded_effort
 
 _CLEAR = 6.0  # a first reading further from rest, in units of the noise, is not of rest
 _WARM, _AWAY = 0.05, 0.01  # nor is one further, in units of the range seen, of temperature, of displacement
@@ -94,7 +94,7 @@ def _initial_guess(
             out = [x / slope if slope > 0 else 0.0] if n_s == 1 else [0.0] * n_s
         pull = slope * out[0]
     elif s.mechanical:
-        pull = slope * float(np.asarray(effort(s.drive, drive_values(s, r)[:1], ambient=ambient))[0, 0])
+        pull = slope * float(np.asarray(recorded_effort(s, r, ambient=ambient))[0, 0])
     return out + [x - pull] * locals_.displaced + [0.0] * locals_.moving
 
 

@@ -195,7 +195,8 @@ def estimate_noise(signal: Any, weights: Any = None) -> float:
 
     A smooth signal leaves none of itself there; their standard deviation is sqrt(20) times the noise's.
     Values beyond 3.5 robust deviations (jumps of the signal) are left out and the truncation made good;
-    windows across a missing sample (weight 0) are skipped. Of a quantised signal the steps
+    windows across a missing sample (weight 0) are skipped, but where that leaves next to none (a sensor logged more
+    rarely than the clock) those of the samples that are there are taken. Of a quantised signal the steps
     count as noise; what a signal has near half the sample rate counts too, so there this is an upper bound.
     """
     values = np.asarray(signal, dtype=np.float64)
@@ -203,7 +204,9 @@ def estimate_noise(signal: Any, weights: Any = None) -> float:
     whole = seen[:-3] & seen[1:-2] & seen[2:-1] & seen[3:]
     third = np.diff(np.where(seen, values, 0.0), 3)[whole]
     if third.size < 4:
-        raise RecordingError("too few samples in a row to see the noise", mend="give at least 7 samples without gaps")
+        third = np.diff(values[seen], 3)
+    if third.size < 4:
+        raise RecordingError("too few samples to see the noise", mend="give at least 7")
     steps = np.abs(np.diff(values[seen]))
     step = steps[steps > 1e-9 * np.max(np.abs(values[seen]), initial=0.0)].min(initial=np.inf)
     size = np.abs(third)

@@ -70,6 +70,17 @@ def drive_values(structure: Structure, recording: Recording) -> Float[Numbers, "
     return recording.inputs[:, np.array(order)]
 
 
+def recorded_effort(
+    structure: Structure, recording: Recording, *, ambient: Array | float = 0.0
+) -> Float[Numbers, "n sides"]:
+    """What the recording's drives apply by `effort`, with its supply (3.7 V where it does not say).
+
+    **Raises** `ModelError` when the recording has not one drive per side.
+    """
+    supply = recording.metadata.supply_V or 3.7
+    return effort(structure.drive, drive_values(structure, recording), ambient=ambient, supply=supply)
+
+
 class Grid(eqx.Module):
     """A uniform simulation grid over one recording: ``nodes = steps + 1`` instants ``step`` apart.
 

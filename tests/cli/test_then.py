@@ -27,7 +27,7 @@ def folder(tmp_path, monkeypatch):
     write("watts.csv", "power_W")
     found = {
         "settings": {"files": ["old.csv", "old.csv"], "read": {"drive": "voltage_V", "mechanisms": ["mine.py"]}},
-        "ranking": [{"name": "creep", "probability": 0.7}, {"name": "slack", "probability": 0.3}],
+        "ranking": [{"name": "creep", "probability": 0.97}, {"name": "slack", "probability": 0.3}],
         "mechanisms": [{"name": "creep", "probability": 0.9}],
     }
     Path("found").mkdir()

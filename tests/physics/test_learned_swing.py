@@ -5,6 +5,7 @@ import pytest
 
 from scpjax.physics import presets
 from scpjax.physics.catalogue import catalogue
+from scpjax.physics.known import known_model
 from scpjax.physics.mechanisms.learned_swing import FORMS, HARMONICS, law_of
 from scpjax.physics.model import Model
 
@@ -55,3 +56,23 @@ def test_it_adds_its_term(form, harmonics):
         read[0 if form.what == "temperature reading" else 1] = (T_REF if "temp" in form.what else X_REF) * f * s
     np.testing.assert_allclose(more_rates, rates, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(more_read, read, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("form", [f for f in FORMS if f.what == "force" and not f.factor], ids=lambda f: f.variable)
+def test_a_force_on_a_joint_does_not_cancel(form):
+    joint = known_model("aaa")
+    structure = joint.structure.with_mechanisms(catalogue()["learned_swing"])
+    own = {"period": PERIOD, "pitch": PITCH, "reference_temperature": T_REF, "reference": X_REF, "cos1": 0.1}
+    laws = [law_of(form, 1) if m.name == "learned_swing" else 0.0 for m in structure.mechanisms]
+    swings = Model(structure, laws=laws, ambient=joint.ambient).replace(
+        joint.values() | {f"learned_swing.{k}": v for k, v in own.items()}
+    )
+    still = swings.replace({"learned_swing.cos1": 0.0})
+    z = np.zeros(structure.n_states)
+    z[structure.state_names.index("displacement")] = DISPLACEMENT
+    more = np.asarray(swings.rates(z, np.zeros(2)) - still.rates(z, np.zeros(2)))
+    angle = 2 * np.pi * (DISPLACEMENT / PITCH if form.variable == "displacement" else 0.0)
+    force = -joint.values()["elastic_spring.stiffness"] * X_REF * 0.1 * np.cos(angle)
+    expected = np.zeros(structure.n_states)
+    expected[structure.state_names.index("velocity")] = force / float(swings.balances().moving_mass)
+    np.testing.assert_allclose(more, expected, rtol=1e-9, atol=1e-12)

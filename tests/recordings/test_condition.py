@@ -178,6 +178,14 @@ def test_noise_of_a_quantised_signal(noise, step):
     assert np.mean(estimates) == pytest.approx(np.sqrt(noise**2 + step**2 / 12), rel=0.05)
 
 
+def test_noise_of_a_sensor_logged_more_rarely_than_the_clock():
+    rng = np.random.default_rng(8)
+    values = 5 * np.sin(np.linspace(0, 6, 1200)) + rng.normal(0, 0.1, 1200)
+    assert estimate_noise(values, np.arange(1200) % 3 == 0) == pytest.approx(0.1, rel=0.15)
+    with pytest.raises(RecordingError, match="too few"):
+        estimate_noise(values, np.arange(1200) % 240 == 0)
+
+
 def test_noise_of_nothing():
     assert estimate_noise(np.full(50, 3.0)) == 0.0
     assert estimate_noise(np.linspace(0, 1, 50)) < 1e-12

@@ -135,6 +135,8 @@ class LearnedSwing(Mechanism):
         for i, form in enumerate(FORMS):
             if form.what == what:
                 f = view.temperature / p.reference_temperature if form.factor else jnp.ones_like(view.temperature)
+                if what == "force" and view.radius and not form.factor:
+                    f = f * jnp.array([1.0, 0.0])  # of a joint: alike on both sides, it would move nothing
                 out = out + jnp.where(which == i, f, 0.0)
         return out * swing
 
