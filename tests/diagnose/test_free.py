@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from diagnose.creeping import BASE
 from diagnose.heated import DRIVE, LOSS, TIME, base_of, lacking_in, nothing, recorded, rubbed_by_air
+from scipy.signal import lfilter
 
 from scpjax.diagnose.answer import TRUSTED, answer
 from scpjax.diagnose.choice import Choice
@@ -14,16 +15,18 @@ from scpjax.diagnose.diagnose import diagnose
 from scpjax.diagnose.distil import given
 from scpjax.diagnose.evidence import Evidence, at_its_least, compare
 from scpjax.diagnose.expression import in_words
-from scpjax.diagnose.free import free_law, nameless, one_for_several
+from scpjax.diagnose.free import free_law, named_by, nameless, one_for_several
 from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.remainder import level
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import Outcome, added, rivals
+from scpjax.fit.setup import prepare
 from scpjax.physics.catalogue import catalogue, mechanism
 from scpjax.physics.mechanisms.learned_force_curve import LearnedForceCurve
 from scpjax.physics.mechanisms.learned_heat_curve import LearnedHeatCurve
 from scpjax.physics.mechanisms.learned_reading_curve import LearnedReadingCurve
 from scpjax.recordings import excitation
+from scpjax.recordings.recording import Recording
 
 
 def softest(temperature: float) -> float:
@@ -194,3 +197,17 @@ def test_a_strength_at_its_least_is_no_evidence():
         found = compare(base, after, "nonlinear_heat_loss", "power", parts, Evidence(), 2)
         assert found.accepted == counts
     assert not at_its_least(named, "closure")
+
+
+@pytest.mark.parametrize(
+    ("column", "names"),
+    [("voltage_V", ("supply_sag", "drive_dead_zone")), ("current_A", ("drive_dead_zone",)), ("power_W", ())],
+)
+def test_a_curve_goes_by_no_name_that_cannot_act_here(column, names):
+    """What a source of power keeps to itself is no sag of a supply."""
+    time = 0.1 * np.arange(200)
+    drive = 1.0 + (time % 10 > 5)
+    excess = np.asarray(lfilter([0.05], [1, -0.95], drive)) + 0.01 * np.random.default_rng(0).normal(size=time.size)
+    setup = prepare([Recording.from_arrays(time, {column: drive}, {"temperature_degC": 20 + excess})])
+    form = next(f for f in catalogue()["learned_heat_curve"].forms if (f.factor, f.variable) == ("", "effort"))
+    assert named_by(form, setup) == names
