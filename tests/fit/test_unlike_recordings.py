@@ -3,6 +3,11 @@
 import numpy as np
 import pytest
 
+from scpjax.diagnose import trials
+from scpjax.diagnose.holdout import split
+from scpjax.diagnose.hypothesis import residual_on
+from scpjax.diagnose.naming import state_at
+from scpjax.diagnose.trials import integrable
 from scpjax.errors import FitError
 from scpjax.fit.fit import FitOptions, fit
 from scpjax.fit.fleet import _setups, fit_fleet
@@ -97,6 +102,23 @@ def test_segments_of_a_long_recording_have_its_room():
     setup = prepare([long])
     assert len(setup.recordings) > 1
     np.testing.assert_allclose(np.asarray(setup.data.ambient), long.inputs[0, 0])
+
+
+def test_steps_of_a_drive_along_lines_are_checked_by_shorter_ones(monkeypatch):
+    """The integrator of the other order is the same one there."""
+    setup = prepare([warmed(600, 4)])
+    parts = split(setup.data)
+    state = state_at(setup, parts, setup.trial(setup.starts[0], setup.base_active))
+    assert integrable(state, parts)
+    asked = []
+
+    def off(trial, data, setup):
+        asked.append(float(data.grids.step[0]))
+        return residual_on(trial, data, setup) + 1.0
+
+    monkeypatch.setattr(trials, "residual_on", off)
+    assert not integrable(state, parts)
+    assert asked == [pytest.approx(0.05)]
 
 
 def test_a_short_recording_beside_a_long_one_keeps_samples():
