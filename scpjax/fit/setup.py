@@ -23,7 +23,7 @@ from scpjax.physics.mechanism import Mechanism
 from scpjax.physics.presets import structure as preset
 from scpjax.physics.presets import system_structure
 from scpjax.physics.structure import DriveKind, Structure
-from scpjax.recordings.plausible import doubts
+from scpjax.recordings.plausible import LOOK, doubts
 from scpjax.recordings.recording import Recording, check_informative
 from scpjax.simulate.drive import drive_kind, recorded_effort
 
@@ -310,7 +310,7 @@ def _unused(recordings: Sequence[Recording], s: Structure) -> tuple[str, ...]:
     if s.system is not None:
         return ()
     said = dict.fromkeys(key for r in recordings for key, _ in r.metadata.known if key not in KNOWN)
-    notes = [f"{key} in [actuator] is not used; what can be held is {', '.join(KNOWN)}" for key in said]
+    notes = [f"{LOOK}{key} in [actuator] is not used; what can be held is {', '.join(KNOWN)}" for key in said]
     fitted = {stem for r in recordings for _, stem in columns(s, r)}
     left = dict.fromkeys(c.column for r in recordings for c in r.output_channels if c.stem not in fitted)
     notes += [f"{column} is not fitted: the model {s.name} gives {', '.join(s.outputs)}" for column in left]
