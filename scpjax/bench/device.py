@@ -6,6 +6,7 @@ import abc
 import contextlib
 import threading
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -267,12 +268,17 @@ def ports() -> list[str]:
     return [p.device for p in sorted(found, key=lambda p: (not likely(p), p.device))]
 
 
+def _is_serial(name: str) -> bool:
+    """Whether a port's name, in small letters, is that of a board; cu.Bluetooth-Incoming-Port of a Mac is not."""
+    return name.startswith("com") or any(w in name for w in ("ttyacm", "ttyusb", "usbmodem", "usbserial"))
+
+
 def find_port() -> str:
     """The port of the only board there is.
 
     **Raises** `BenchError` where there is none, or more than one.
     """
-    there = [p for p in ports() if any(w in p.lower() for w in ("ttyacm", "ttyusb", "usbmodem", "usbserial", "com"))]
+    there = [p for p in ports() if _is_serial(Path(p).name.lower())]
     if not there:
         raise BenchError("no board found", mend="plug it in, give --port, or try the bench with --port sim")
     if len(there) > 1:

@@ -7,7 +7,7 @@ they print ``END``, so that it never comes: silence ends a recording too.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Literal
 
 import numpy as np
@@ -24,9 +24,15 @@ _JUMP_CM = 0.25  # beyond which the thesis took a reading of the sonar for a fai
 _LASTING = 3  # such readings in a row are no failure
 
 
-def lines(device: AbstractDevice, *, silence: float = 2.0, most: float = 3600.0) -> Iterator[bytes]:
+def lines(
+    device: AbstractDevice,
+    *,
+    silence: float = 2.0,
+    most: float = 3600.0,
+    keep: Callable[[bytes], object] | None = None,
+) -> Iterator[bytes]:
     """Lines of a port that is open, until ``END``, ``silence`` [s] or ``most`` [s] have passed. Bytes without a newline
-    are dropped beyond 80."""
+    are dropped beyond 80; ``keep`` is told all of them, before they are looked at."""
     pending = b""
     began = last = device.now()
     while device.now() - began < most:
@@ -36,6 +42,8 @@ def lines(device: AbstractDevice, *, silence: float = 2.0, most: float = 3600.0)
                 return
             continue
         last = device.now()
+        if keep is not None:
+            keep(data)
         *whole, pending = (pending + data).split(b"\n")
         pending = pending[-_LONGEST:]
         for line in whole:

@@ -22,7 +22,9 @@ class Log:
 
     What the process had received when it was killed is on disk, and the CSV ends with a whole row.
 
-    **Raises** `BenchError` where a file cannot be written (a full disk too) or is there already.
+    An earlier recording of this name is replaced, with its remarks and its quality.
+
+    **Raises** `BenchError` where a file cannot be written (a full disk too).
     """
 
     def __init__(
@@ -41,6 +43,8 @@ class Log:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._raw = os.open(self.path.with_suffix(".raw"), os.O_CREAT | os.O_WRONLY | os.O_TRUNC, 0o644)
             self._csv = os.open(self.path, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, 0o644)
+            for earlier in (".markers.csv", ".quality.json"):
+                self.path.with_suffix(earlier).unlink(missing_ok=True)
         except OSError as error:
             raise _cannot(self.path, error) from error
         self.markers: list[tuple[float, str]] = []

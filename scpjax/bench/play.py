@@ -5,19 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from scpjax.bench import messages as m
 from scpjax.bench.errors import BenchError, BoardFault
+from scpjax.bench.link import Timed
 from scpjax.bench.messages import Sample
 from scpjax.bench.parameters import TICK_S
 from scpjax.bench.rig import Rig, pairs
+from scpjax.bench.wiring import Wiring
 from scpjax.control.controller import Controller, scalar
 from scpjax.control.pid import PID, Pair
 
+C = TypeVar("C", bound=Controller)
 Watch = Callable[[float], None]
 """Told the time [s] since the beginning, a few times in a second."""
 
@@ -26,6 +32,7 @@ _CHUNK = 12
 _SLOTS = 250  # of the board's table
 _GRID_TICKS = 4
 _SPARE_S = 3.0
+_SUPPLY_OFF = 0.01  # of the square of a supply, by which that of the firmware may differ from the bench's
 _UNHEARD_S = 0.5  # after the end, when its event was lost on the line
 
 
@@ -100,7 +107,7 @@ def loop_on_board(
 
 
 def set_gains(rig: Rig, controller: Controller) -> None:
-    """Gains of a PID (or of a pair's agonist) onto the board, read back; and where its position comes from.
+    """Gains of a PID (or of a pair's agonist) onto the board, read back; and what its position means.
 
     **Raises** `BenchError` for what the firmware does not do: other forms than forward Euler with clamping, weights
     other than 1, an antagonist that is not the agonist's opposite, a number of sides that is not the bench's.
@@ -118,8 +125,8 @@ def set_gains(rig: Rig, controller: Controller) -> None:
     if w.position.source == "none":
         raise BenchError("no position sensor, so there is no loop to close", mend="connect one, see bench.toml")
     wanted = {k.lower(): float(v) for k, v in pid.gains.items()}
+    _check_supply(rig)
     wanted["effort_limit"] = min(float(pid.high), w.supply_V**2)
-    wanted["position_source"] = float(("potentiometer", "echo", "encoder").index(w.position.source))
     wanted |= {"position_scale": w.degrees_per_count, "position_zero": w.position.zero, "channels": float(w.sides)}
     for name, value in wanted.items():
         found = rig.set(name, value)
@@ -129,6 +136,28 @@ def set_gains(rig: Rig, controller: Controller) -> None:
             )
 
 
+def _check_supply(rig: Rig) -> None:
+    """That the firmware was built for the bench's supply: it limits efforts to its own, and takes duties of it."""
+    supply = rig.wiring.supply_V
+    accepted = [rig.accepts("effort_limit", share * supply**2) for share in (1 - _SUPPLY_OFF, 1 + _SUPPLY_OFF)]
+    if accepted != [True, False]:
+        other = "a higher" if accepted[0] else "a lower"
+        raise BenchError(
+            f"the firmware was built for {other} supply than the bench's {supply:g} V",
+            where=rig.device.name,
+            mend="make SUPPLY_V of rig/firmware/config.h and supply_V of bench.toml what the supply is",
+        )
+
+
+def within_supply(controller: C, supply_V: float) -> C:
+    """The controller with limits [V^2] that a supply can give, so that its integral stops where the drive does."""
+    return jax.tree.map(
+        lambda c: eqx.tree_at(lambda p: p.high, c, jnp.minimum(c.high, supply_V**2)) if isinstance(c, PID) else c,
+        controller,
+        is_leaf=lambda c: isinstance(c, PID),
+    )
+
+
 def _is_opposite(pair: Pair) -> bool:
     a, b = pair.agonist.gains, pair.antagonist.gains
     return all(abs(float(a[k]) + float(b[k])) < 1e-9 for k in ("Kp", "Ki", "Kd")) and float(a["N"]) == float(b["N"])
@@ -136,7 +165,10 @@ def _is_opposite(pair: Pair) -> bool:
 
 @dataclass(frozen=True)
 class Followed:
-    """A closed loop as it was: ``time`` [s], ``reference`` and ``angle`` [rad] (n,), ``voltage`` [V] (n, sides)."""
+    """A closed loop as it was: ``time`` [s], ``reference`` and ``angle`` [rad] (n,), ``voltage`` [V] (n, sides).
+
+    Angle and voltage are NaN where the sample was lost on the line.
+    """
 
     time: np.ndarray
     reference: np.ndarray
@@ -146,7 +178,7 @@ class Followed:
     @property
     def rmse(self) -> float:
         """Of the tracking error, rad."""
-        return float(np.sqrt(np.mean((self.reference - self.angle) ** 2)))
+        return float(np.sqrt(np.nanmean((self.reference - self.angle) ** 2)))
 
 
 def follow(
@@ -165,16 +197,33 @@ def follow(
     before = rig.options.every
     rig.stream(every)
     rig.unread()
+    seen: list[Timed] = []
+
+    def take(time: float) -> None:
+        seen.extend((t, s) for t, s in rig.unread() if s.mode == m.LOOP)
+        if watch is not None:
+            watch(time)
+
     if on == "host":
-        seen = [sample for _, sample, _ in loop_on_host(rig, controller, reference, watch=watch)]
+        seen += [(time, sample) for time, sample, _ in loop_on_host(rig, controller, reference, watch=watch)]
     else:
-        loop_on_board(rig, controller, reference, every, watch=watch)
-        seen = [sample for _, sample in rig.unread() if sample.mode == m.LOOP]
+        loop_on_board(rig, controller, reference, every, watch=take)
+        take(len(reference) * every * TICK_S)
     rig.stream(before)
-    n = min(len(seen), len(reference))
-    volts = rig.wiring.voltage([s.pwm[: rig.wiring.sides] for s in seen[:n]])
-    angle = np.array([rig.wiring.angle(s) for s in seen[:n]])
-    return Followed(every * TICK_S * np.arange(n), np.asarray(reference, float)[:n], angle, volts)
+    return _followed(rig.wiring, seen, np.asarray(reference, float), every * TICK_S)
+
+
+def _followed(wiring: Wiring, seen: list[Timed], reference: np.ndarray, dt: float) -> Followed:
+    """Samples beside the reference of their time since the first."""
+    if not seen:
+        raise BenchError("the loop gave no sample", mend="check the cable")
+    at = np.array([round((time - seen[0][0]) / dt) for time, _ in seen])
+    n = min(int(at[-1]) + 1, len(reference))
+    angle, volts = np.full(n, np.nan), np.full((n, wiring.sides), np.nan)
+    for k, (_, sample) in zip(at.tolist(), seen, strict=True):
+        if k < n:
+            angle[k], volts[k] = wiring.angle(sample), wiring.voltage(sample.pwm[: wiring.sides])
+    return Followed(dt * np.arange(n), reference[:n], angle, volts)
 
 
 def loop_on_host(
@@ -185,13 +234,11 @@ def loop_on_host(
 
     The period is that of the stream (`Rig.stream`); what the cable delays, the loop feels.
     """
-    import jax
-
     if controller.sides != rig.wiring.sides:
         raise BenchError(
             f"{controller.sides} controllers for a bench with {rig.wiring.sides}", mend="use a pair for a joint"
         )
-    dt = rig.period
+    dt, controller = rig.period, within_supply(controller, rig.wiring.supply_V)
     step = jax.jit(lambda state, y, r: controller.step(state, y, r, scalar(dt)))
     step(controller.initial(), 0.0, 0.0)  # compiled before time counts
     state = controller.initial()
@@ -241,7 +288,7 @@ def _run(
     fill(0.0)
     if begin is not None:
         begin()
-    rig.ask(kind, ticks, len(entries))
+    rig.begin(kind, ticks, len(entries))
     began = rig.device.now()
     until = began + len(entries) * step_s + _SPARE_S
     while True:

@@ -15,9 +15,9 @@ from scpjax.bench.device import AbstractDevice
 from scpjax.bench.errors import BenchError, NoAnswer, PortLost
 from scpjax.bench.link import Link, RigOptions, Timed
 from scpjax.bench.log import Log
-from scpjax.bench.messages import Calibration, Resistance
+from scpjax.bench.messages import Calibration, Reply, Resistance
 from scpjax.bench.parameters import NAMES, TICK_S, from_bits, to_bits
-from scpjax.bench.wiring import Wiring
+from scpjax.bench.wiring import SOURCES, Wiring
 from scpjax.errors import ScpjaxError
 
 __all__ = ["Rig", "RigOptions"]
@@ -80,11 +80,28 @@ class Rig(Link):
     def _lost(self) -> bool:
         return isinstance(self._failed, PortLost)
 
+    def _connect(self) -> None:
+        super()._connect()
+        if self.wiring.position.source in SOURCES:
+            self.set("position_source", float(SOURCES.index(self.wiring.position.source)))
+
     # -- commands ------------------------------------------------------------------------------------------------
 
     def ask(self, kind: str, *fields: int) -> int:
         """Send a command and give the value of its answer. **Raises** `BenchError` when the board refuses."""
-        reply = self._ask(kind, *fields)
+        return self._accepted(kind, self._ask(kind, *fields))
+
+    def begin(self, kind: str, *fields: int) -> None:
+        """Let a board that stands idle play or close a loop (``P``, ``C``). **Raises** `BenchError` when it refuses."""
+        try:
+            reply = self._ask(kind, *fields, tries=1)
+        except NoAnswer:
+            reply = self._ask(kind, *fields)
+            if reply.status == m.BUSY:  # it had begun at the first: its answer was lost
+                return
+        self._accepted(kind, reply)
+
+    def _accepted(self, kind: str, reply: Reply) -> int:
         if reply.status != m.OK:
             words = m.REFUSALS.get(reply.status, f"status {reply.status}")
             mend = "clear_fault() when it has cooled" if reply.status == m.FAULTY else "see scpjax.bench.messages"
@@ -145,6 +162,10 @@ class Rig(Link):
     def get(self, name: str) -> float:
         """A parameter of the board (`scpjax.bench.parameters`)."""
         return from_bits(self.ask("U", _index(name)))
+
+    def accepts(self, name: str, value: float) -> bool:
+        """Set a parameter where the board takes this value for it; whether it did."""
+        return self._ask("V", _index(name), to_bits(value)).status == m.OK
 
     def set(self, name: str, value: float) -> float:
         """Set a parameter; limits can only be made tighter. **Raises** `BenchError` when the board refuses."""

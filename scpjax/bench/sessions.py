@@ -95,13 +95,13 @@ def rest(rig: Rig, *, most: float = 600.0, watch: Watch | None = None) -> float:
         seen.popleft()
         items = list(seen)
         half = len(items) // 2
-        if half and np.max(np.abs(_mean_of(items[:half]) - _mean_of(items[half:]))) < _STILL_COUNTS:
+        if half and np.max(np.abs(_mean_of(rig, items[:half]) - _mean_of(rig, items[half:]))) < _STILL_COUNTS:
             break
     return rig.device.now() - began
 
 
-def _mean_of(items: list[tuple[float, Sample]]) -> np.ndarray:
-    return np.mean([(*s.thermistors, s.position) for _, s in items], axis=0)
+def _mean_of(rig: Rig, items: list[tuple[float, Sample]]) -> np.ndarray:
+    return np.mean([(*s.thermistors, rig.wiring.counted(s)) for _, s in items], axis=0)
 
 
 def record_profile(
@@ -158,6 +158,9 @@ def calibrate(rig: Rig, *, pulse: float = 1.5, resistance: bool = True) -> Calib
         says.append(f"ambient: {ambient - 273.15:.2f} degC")
     if w.position.source != "none":
         zero = found.totals[2] / n
+        if w.position.source == "encoder":  # the board adds up counts without their sign
+            near = w.counted(rig.last)
+            zero = near + ((found.totals[2] - n * near + 0x8000) % 0x10000 - 0x8000) / n
         w = replace(w, position=replace(w.position, zero=round(zero, 3)))
         says.append(f"position: zero at {zero:.1f} counts")
     if resistance and w.sensing.fitted:

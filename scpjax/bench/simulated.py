@@ -11,7 +11,7 @@ import numpy as np
 
 from scpjax.bench.errors import BenchError
 from scpjax.bench.parameters import BoardConfig
-from scpjax.bench.wiring import POTENTIOMETER_RAD, Position, Wiring
+from scpjax.bench.wiring import Position, Wiring
 from scpjax.bench.world import Muscle, Noise
 from scpjax.control.plant import Difference, Joint, Plant
 from scpjax.errors import ModelError
@@ -144,7 +144,6 @@ def _settling(model: Model) -> float:
 
 def _wiring(model: Model, sides: Literal[1, 2]) -> Wiring:
     radius = model.structure.pulley_radius or RADIUS_M
-    per_count = POTENTIOMETER_RAD * (radius if sides == 1 else 1.0)
     values = model.values()
     known = (
         ("resistance_ohm", round(1 / next(v for k, v in values.items() if k.startswith("joule_heating.gain")), 6)),
@@ -153,7 +152,7 @@ def _wiring(model: Model, sides: Literal[1, 2]) -> Wiring:
     zero = 800.0 if sides == 1 else 2048.0
     return Wiring(
         sides=sides,
-        position=Position(per_count=per_count, zero=zero),
+        position=Position(zero=zero),
         pulley_radius_m=radius,
         pulley_mass_kg=model.structure.pulley_mass,
         ambient_K=float(model.ambient),

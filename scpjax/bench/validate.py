@@ -102,8 +102,9 @@ def closed_loop(plant: Plant, controller: Controller, followed: Followed) -> Com
     """The angle that a pure simulation of the loop says, beside the one that was measured."""
     dt = float(followed.time[1] - followed.time[0])
     said = jax.jit(lambda loop, r: run(loop, r, dt=dt))(Loop(plant, controller), followed.reference)
-    measured = np.degrees(followed.angle)
-    return compared("angle_deg", followed.time, measured, np.degrees(np.asarray(said.angle)), noise_floor(measured))
+    there = np.isfinite(followed.angle)
+    measured, simulated = np.degrees(followed.angle)[there], np.degrees(np.asarray(said.angle))[there]
+    return compared("angle_deg", followed.time[there], measured, simulated, noise_floor(measured))
 
 
 def tracking(plant: Plant, controller: Controller, followed: Followed) -> tuple[float, float]:

@@ -30,6 +30,8 @@ from scpjax.recordings.sensors import (
 )
 
 Source = Literal["potentiometer", "echo", "encoder", "none"]
+SOURCES: tuple[Source, ...] = ("potentiometer", "echo", "encoder")
+"""What the board can read a position from, by its parameter ``position_source``."""
 REFERENCE_V = 5.0
 FULL = 4096
 """Counts of a whole reference voltage."""
@@ -74,11 +76,12 @@ class Position:
     """A linear law from counts to the position: ``per_count (counts - zero)``, in m, or rad for a joint.
 
     Counts of an echo are 0.5 us of its duration (there and back); a longer echo is a longer actuator where
-    ``per_count`` is negative.
+    ``per_count`` is negative. Where it is not given (NaN), a `Wiring` takes that of a potentiometer of 270 degrees on
+    its pulley.
     """
 
     source: Source = "potentiometer"
-    per_count: float = POTENTIOMETER_RAD
+    per_count: float = math.nan
     zero: float = FULL / 2
 
     def value(self, counts: Any) -> Any:
@@ -133,8 +136,17 @@ class Wiring:
         for name in ("supply_V", "pulley_radius_m", "current_V_per_A"):
             if not 0 < getattr(self, name) < math.inf:
                 raise BenchError(f"{name} is {getattr(self, name)}", mend="give a number above 0")
+        if math.isnan(self.position.per_count):
+            object.__setattr__(self, "position", dataclasses.replace(self.position, per_count=self._turn_per_count()))
         if not (math.isfinite(self.position.per_count) and self.position.per_count != 0):
             raise BenchError("the position does not change with its counts", mend="calibrate it, or give per_count")
+
+    def _turn_per_count(self) -> float:
+        """Position per count of a potentiometer of 270 degrees on the pulley: m of one actuator, rad of a joint."""
+        if self.position.source in ("echo", "encoder"):
+            unit = "m" if self.sides == 1 else "rad"
+            raise BenchError(f"an {self.position.source} without per_count", mend=f"give per_count, {unit} per count")
+        return POTENTIOMETER_RAD * (self.pulley_radius_m if self.sides == 1 else 1.0)
 
     @property
     def drives(self) -> tuple[str, ...]:
@@ -173,12 +185,14 @@ class Wiring:
 
     def measured(self, sample: Sample) -> float:
         """Position of a sample, m or rad; NaN where an echo was lost."""
-        raw = sample.position
-        if self.position.source == "echo" and raw == 0:
+        if self.position.source == "echo" and sample.position == 0:
             return math.nan
-        if self.position.source == "encoder" and raw & 0x8000:
-            raw -= 0x10000
-        return self.position.per_count * (raw - self.position.zero)
+        return self.position.per_count * (self.counted(sample) - self.position.zero)
+
+    def counted(self, sample: Sample) -> int:
+        """Counts of the position of a sample; those of an encoder have a sign."""
+        raw = sample.position
+        return raw - 0x10000 if self.position.source == "encoder" and raw & 0x8000 else raw
 
     def current(self, counts: float) -> float:
         """Mean current [A] of both channels."""

@@ -119,8 +119,8 @@ def check_folder(out: str) -> Path:
     return path
 
 
-def check_file(out: str, *inputs: str) -> Path:
-    """``out`` as a CSV file that can be written and is none of ``inputs``."""
+def check_file(out: str, *inputs: str, bench: str | None = None) -> Path:
+    """``out`` as a CSV file that can be written and is none of ``inputs``; nor its TOML the ``bench``."""
     path = Path(out)
     if path.is_dir():
         raise OutputError("is a folder, not a file", where=f"--out {out}", mend="name a CSV file in it")
@@ -129,6 +129,8 @@ def check_file(out: str, *inputs: str) -> Path:
     for given in inputs:
         if path.exists() and Path(given).exists() and path.samefile(given):
             raise OutputError("is also an input", where=f"--out {out}", mend="choose another name")
+    if bench and path.with_suffix(".toml").resolve() == Path(bench).resolve():
+        raise OutputError(f"its TOML is {bench}, the bench", where=f"--out {out}", mend="choose another name")
     _check_parents(path.parent, out)
     return path
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import sys
 import threading
 from argparse import Namespace
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +17,7 @@ import numpy as np
 from scpjax.bench import legacy
 from scpjax.bench.device import PortDevice, find_port
 from scpjax.bench.errors import BenchError
-from scpjax.bench.play import Followed, follow
+from scpjax.bench.play import Followed, follow, within_supply
 from scpjax.bench.sessions import (
     Characterise,
     Characterised,
@@ -27,7 +29,7 @@ from scpjax.bench.sessions import (
     with_known,
 )
 from scpjax.bench.weights import check_weights
-from scpjax.bench.wiring import Wiring, save_wiring
+from scpjax.bench.wiring import Wiring, load_wiring, save_wiring
 from scpjax.cli.program import check_file, check_folder, progress, say, start
 from scpjax.cli.rig_bench import Bench, bench, ticks_of, watcher
 from scpjax.cli.simulate import csv_text
@@ -43,7 +45,7 @@ _VOLTS = 3.0
 
 def run_record(arguments: Namespace) -> None:
     """Record an excitation."""
-    out = check_file(arguments.out)
+    out = check_file(arguments.out, bench=arguments.bench)
     if arguments.legacy:
         _record_legacy(arguments, out)
         return
@@ -65,7 +67,7 @@ def run_record(arguments: Namespace) -> None:
 
 def run_play(arguments: Namespace) -> None:
     """Record a profile of a file."""
-    out = check_file(arguments.out, arguments.file)
+    out = check_file(arguments.out, arguments.file, bench=arguments.bench)
     start()
     given = read_recording(arguments.file, response=[], require_outputs=False)
     if any(c.unit.quantity != "voltage" for c in given.input_channels):
@@ -92,14 +94,28 @@ def say_recording(arguments: Namespace, out: Path, recording: Recording) -> None
 
 
 def _record_legacy(arguments: Namespace, out: Path) -> None:
+    supply = (load_wiring(arguments.bench) if arguments.bench else Wiring()).supply_V
     device = PortDevice(arguments.port or find_port(), baud=legacy.BAUD)
     device.open()
     most = 3600.0 if arguments.duration is None else arguments.duration
+    rows: list[bytes] = []
+
+    def written() -> Path:
+        return write_recording(legacy.recording(rows, value=arguments.legacy, supply_V=supply), out)
+
     try:
-        rows = list(legacy.lines(device, most=most))
+        with open(out.with_suffix(".raw"), "wb", buffering=0) as raw:
+            for row in legacy.lines(device, most=most, keep=raw.write):
+                rows.append(row)
+    except BaseException as error:
+        with contextlib.suppress(BenchError):  # too few lines for a recording: they are in NAME.raw
+            written()
+        if isinstance(error, KeyboardInterrupt):
+            raise KeyboardInterrupt(f"what had come is in {out.with_suffix('.raw')}") from error
+        raise
     finally:
         device.close()
-    say_recording(arguments, out, read_recording(write_recording(legacy.recording(rows, value=arguments.legacy), out)))
+    say_recording(arguments, out, read_recording(written()))
 
 
 def run_loop(arguments: Namespace) -> None:
@@ -112,10 +128,21 @@ def run_loop(arguments: Namespace) -> None:
         controller = controller_of(arguments.gains, b)
         rest(b.rig, most=60.0)
         watch = watcher(b.rig, show, "closing the loop", float(time[-1]))
-        found = follow(b.rig, controller, reference, every=every, on=arguments.on, watch=watch)
+        with recorded(b, out):
+            found = follow(b.rig, controller, reference, every=every, on=arguments.on, watch=watch)
     write_text(out, csv_text(loop_columns(found)))
     say(arguments, f"  RMSE: {number(math.degrees(found.rmse), 4)} deg, PID on the {arguments.on}")
     say(arguments, f"{out}: {len(found.time)} samples")
+
+
+@contextlib.contextmanager
+def recorded(b: Bench, out: Path) -> Iterator[None]:
+    """Every sample on disk as it comes, whatever ends the loop: NAME_samples.csv and what belongs to it beside NAME."""
+    b.rig.record(out.with_name(f"{out.stem}_samples.csv"), title="a closed loop")
+    try:
+        yield
+    finally:
+        b.rig.end_recording()
 
 
 def loop_columns(found: Followed) -> dict[str, np.ndarray]:
@@ -137,7 +164,7 @@ def controller_of(gains: str, b: Bench) -> Controller:
     from scpjax.control.gains import load_gains
     from scpjax.control.pid import Pair, thesis_pair
 
-    pair = thesis_pair() if gains == "thesis" else Pair(load_gains(gains))
+    pair = within_supply(thesis_pair() if gains == "thesis" else Pair(load_gains(gains)), b.rig.wiring.supply_V)
     return pair if b.rig.wiring.sides == 2 else pair.agonist
 
 

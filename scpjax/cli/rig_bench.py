@@ -42,13 +42,16 @@ def bench(arguments: Namespace, *, period: float = 0.1, sides: int | None = None
     """
     every = ticks_of(period, "--period")
     device, wiring, behind = _device(arguments, sides)
-    with Rig(device, wiring, options=RigOptions(every=every, keep=_KEPT)) as rig:
-        say(arguments, f"{device.name}: firmware {rig.banner.version if rig.banner else '?'}")
-        _clear(arguments, rig)
-        if arguments.max_temperature is not None:
-            rig.set("max_temperature", arguments.max_temperature)
-        with _live(arguments, rig):
-            yield Bench(rig, behind)
+    try:
+        with Rig(device, wiring, options=RigOptions(every=every, keep=_KEPT)) as rig:
+            say(arguments, f"{device.name}: firmware {rig.banner.version if rig.banner else '?'}")
+            _clear(arguments, rig)
+            if arguments.max_temperature is not None:
+                rig.set("max_temperature", arguments.max_temperature)
+            with _live(arguments, rig):
+                yield Bench(rig, behind)
+    except KeyboardInterrupt as stop:
+        raise KeyboardInterrupt("the power is off; what was being recorded is kept") from stop
     q = rig.quality
     say(arguments, f"  {q.samples} samples, {q.lost} frames lost, {q.damaged} damaged")
 

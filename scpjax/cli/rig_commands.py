@@ -76,11 +76,13 @@ def _record(places: Any, command: Command) -> None:
     )
     _excitation(parser)
     parser.add_argument("--min-volts", metavar="V", type=float, default=0.0, help="least drive (default: 0)")
-    parser.add_argument("--hold", metavar="S", type=float, help="of a level (default: a tenth of the duration)")
+    parser.add_argument(
+        "--hold", metavar="S", type=float, help="of a level of multilevel and prbs (default: a tenth of the duration)"
+    )
     parser.add_argument(
         "--legacy",
         choices=("temperature", "distance"),
-        help="read the tab-separated lines of the thesis's own sketches, whose value is this",
+        help="read the tab-separated lines of the thesis's own sketches, whose value is this (no quality.json)",
     )
     parser.add_argument("--out", metavar="FILE", required=True, help="CSV to write")
     _bench(parser)
@@ -112,7 +114,8 @@ def _loop(places: Any, command: Command) -> None:
         "loop",
         ("rig", "run_loop"),
         "close the loop on the bench",
-        "Writes time_s, reference_deg, angle_deg and the voltages, and says how well it follows.",
+        "Writes time_s, reference_deg, angle_deg and the voltages, and says how well it follows; every sample goes to "
+        "NAME_samples.csv, with NAME_samples.raw and so on, as it comes.",
     )
     parser.add_argument("--gains", metavar="G", default="thesis", help="thesis (Table 3.7) or a gains.toml")
     parser.add_argument("--reference", metavar="R", default="sine", help="as of scpjax loop (default: %(default)s)")

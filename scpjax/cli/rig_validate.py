@@ -15,7 +15,7 @@ from scpjax.bench.validate import Compared, closed_loop, open_loop, tracking, wr
 from scpjax.cli.inputs import read_files
 from scpjax.cli.loop import named_plant
 from scpjax.cli.program import Progress, check_folder, progress, say, start
-from scpjax.cli.rig import controller_of, loop_columns, reference_of
+from scpjax.cli.rig import controller_of, loop_columns, recorded, reference_of
 from scpjax.cli.rig_bench import Bench, bench, ticks_of, watcher
 from scpjax.cli.simulate import csv_text
 from scpjax.cli.then import say_next
@@ -77,7 +77,8 @@ def _closed_loop(arguments: Namespace, b: Bench, out: Path, show: Progress | Non
     rest(b.rig)
     watch = watcher(b.rig, show, "closed loop", float(time[-1]))
     every = ticks_of(float(time[1] - time[0]), "--dt")
-    found = follow(b.rig, controller, reference, every=every, on=arguments.on, watch=watch)
+    with recorded(b, out / "closed_loop.csv"):
+        found = follow(b.rig, controller, reference, every=every, on=arguments.on, watch=watch)
     write_text(out / "closed_loop.csv", csv_text(loop_columns(found)))
     measured, simulated = (math.degrees(x) for x in tracking(plant, controller, found))
     say(arguments, f"closed loop: tracking RMSE {number(measured)} deg, in pure simulation {number(simulated)} deg")

@@ -8,6 +8,8 @@ import pytest
 
 from scpjax.bench import legacy
 from scpjax.bench.device import PortDevice
+from scpjax.cli import main
+from scpjax.recordings.files import read_recording
 
 
 def thesis_lines(n=60):
@@ -45,3 +47,35 @@ def test_the_thesis_lines_end_on_silence():
     os.close(slave)
     os.close(master)
     assert len(legacy.parse(rows)) >= 59
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="skipped: no pseudo-terminals here")
+def test_what_had_come_of_the_thesis_lines_is_on_disk_when_it_is_stopped(tmp_path, monkeypatch):
+    """Every byte in NAME.raw, and the recording of the lines until then, with the supply of the bench."""
+    master, slave = os.openpty()
+    lines = thesis_lines().encode()
+    (tmp_path / "bench.toml").write_text("supply_V = 5.0\n")
+    read = legacy.lines
+
+    writer = threading.Thread(target=os.write, args=(master, lines))
+
+    def stopped(*args, **options):
+        writer.start()  # the port is open now
+        for k, line in enumerate(read(*args, **options)):
+            if k == 40:
+                raise KeyboardInterrupt
+            yield line
+
+    monkeypatch.setattr(legacy, "lines", stopped)
+    out = tmp_path / "lines.csv"
+    call = ["rig", "record", "--port", os.ttyname(slave), "--bench", str(tmp_path / "bench.toml")]
+    assert main([*call, "--legacy", "distance", "--out", str(out), "--quiet"]) == 130
+    writer.join()
+    os.close(slave)
+    os.close(master)
+    found = read_recording(out)
+    assert 30 < found.n <= 40
+    assert found.metadata.supply_V == 5.0
+    raw = out.with_suffix(".raw").read_bytes()
+    assert len(raw) >= 500
+    assert lines.replace(b"\r", b"").startswith(raw.replace(b"\r", b"")[:400])

@@ -1,5 +1,6 @@
 """Loops on the bench, and muscles with something concealed in them."""
 
+import itertools
 from dataclasses import replace
 
 import jax
@@ -8,11 +9,13 @@ import pytest
 
 from scpjax.bench.device import EmulatedDevice
 from scpjax.bench.errors import BenchError
-from scpjax.bench.play import follow, set_gains
+from scpjax.bench.frames import Decoder
+from scpjax.bench.parameters import BoardConfig
+from scpjax.bench.play import follow, set_gains, within_supply
 from scpjax.bench.rig import Rig, RigOptions
 from scpjax.bench.sessions import Excite, record_profile
 from scpjax.bench.simulated import muscle, simulated, with_concealed
-from scpjax.bench.validate import open_loop
+from scpjax.bench.validate import closed_loop, open_loop
 from scpjax.bench.wiring import Wiring
 from scpjax.bench.world import Muscle, Noise
 from scpjax.control.loop import Loop, run
@@ -54,6 +57,50 @@ def test_tracking_is_that_of_pure_simulation_within_5_percent(board, on):
 def test_controllers_that_the_firmware_has_not_are_refused(controller, words):
     with Rig(EmulatedDevice(), Wiring(sides=2)) as rig, pytest.raises(BenchError, match=words):
         set_gains(rig, controller)
+
+
+def test_angles_stand_beside_the_reference_of_their_time(monkeypatch):
+    """Though frames are lost on the line, and the reference is longer than what a rig keeps for late readers."""
+    made = simulated("thesis", sides=2)
+    _, reference = Reference().make("sine")
+    pair = thesis_pair()
+    feed = Decoder.feed
+    count = itertools.count()
+
+    def lossy(self, data):
+        return [f for f in feed(self, data) if not (f.kind == "D" and next(count) % 50 == 49)]
+
+    monkeypatch.setattr(Decoder, "feed", lossy)
+    device = emulated(replace(made, config=replace(made.config, max_temperature_C=150.0)))
+    with Rig(device, made.wiring, options=RigOptions(keep=256)) as rig:
+        found = follow(rig, pair, reference, every=4)
+    said = jax.jit(lambda loop, r: run(loop, r, dt=0.02))(Loop(made.plant, pair), reference)
+    lost = np.isnan(found.angle)
+    assert 0.01 < lost.mean() < 0.03
+    assert len(found.time) >= len(reference) - 1
+    off = np.degrees(found.angle - np.asarray(said.angle)[: len(found.angle)])[~lost]
+    assert np.sqrt(np.mean(off**2)) < 0.3
+    assert closed_loop(made.plant, pair, found).rmse < 0.3
+
+
+def test_a_firmware_for_another_supply_is_refused():
+    """It would take duties of its own supply, and limit efforts to that."""
+    for built, words in ((5.0, "for a higher supply"), (3.0, "for a lower supply")):
+        device = EmulatedDevice(config=BoardConfig(supply_V=built))
+        with Rig(device, Wiring(sides=2)) as rig, pytest.raises(BenchError, match=words):
+            set_gains(rig, thesis_pair())
+
+
+@pytest.mark.parametrize("on", ["board", "host"])
+def test_a_weaker_supply_limits_loop_and_simulation_alike(on):
+    made = simulated("thesis", sides=2, wiring=replace(simulated("thesis", sides=2).wiring, supply_V=2.5))
+    _, reference = Reference().make("sine")
+    pair = within_supply(thesis_pair(), 2.5)
+    assert float(pair.antagonist.high) == 6.25
+    with Rig(emulated(made), made.wiring) as rig:
+        found = follow(rig, thesis_pair(), reference, every=4, on=on)
+    assert np.nanmax(found.voltage) == pytest.approx(2.5)
+    assert closed_loop(made.plant, pair, found).rmse < 0.3
 
 
 # -- simulated benches -----------------------------------------------------------------------------------------------

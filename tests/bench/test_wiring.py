@@ -55,6 +55,8 @@ def test_bench_file_is_read_back(tmp_path, sides):
         ("[position]\nsource = 'sonar'", "no position sensor 'sonar'"),
         ("[position]\nper_cuont = 1", "did you mean per_count"),
         ("[position]\nper_count = 0", "does not change"),
+        ("[position]\nsource = 'echo'", "echo without per_count; give per_count, m per count"),
+        ("sides = 2\n[position]\nsource = 'encoder'", "encoder without per_count; give per_count, rad per count"),
         ("position = 3", "is no section"),
         ("supply_V = ", "is not TOML"),
         ("supply_V = 'x'", "no finite number"),
@@ -67,3 +69,13 @@ def test_a_bad_bench_file_is_refused_in_one_line(tmp_path, text, words):
         load_wiring(path)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_the_usual_potentiometer_turns_the_pulley():
+    """270 degrees over 4096 counts: metres at the rim of one actuator's pulley, radians of a joint."""
+    one, two = Wiring(pulley_radius_m=0.02), Wiring(sides=2)
+    turn = np.radians(270) / 4096
+    assert one.position.per_count == pytest.approx(0.02 * turn)
+    assert two.position.per_count == pytest.approx(turn)
+    assert one.degrees_per_count == pytest.approx(270 / 4096)
+    assert two.degrees_per_count == pytest.approx(270 / 4096)

@@ -117,6 +117,19 @@ def test_loop_writes_the_columns_of_the_loop(tmp_path, capsys):
     assert list(rows[0]) == ["time_s", "reference_deg", "angle_deg", "voltage_agonist_V", "voltage_antagonist_V"]
     assert len(rows) == 501
     assert max(float(r["voltage_agonist_V"]) for r in rows) > 1
+    samples = read_recording(tmp_path / "loop_samples.csv")  # kept as they came
+    assert samples.n >= 501
+    assert (tmp_path / "loop_samples.raw").stat().st_size > 501 * 30
+
+
+def test_a_recording_does_not_overwrite_its_bench_and_takes_no_earlier_remarks(tmp_path, capsys):
+    (tmp_path / "bench.toml").write_text("supply_V = 3.7\n")
+    call = ["rig", "record", "--port", "sim", "--bench", str(tmp_path / "bench.toml"), "--duration", "5", "--out"]
+    assert main([*call, str(tmp_path / "bench.csv")]) == 2
+    assert "its TOML is" in capsys.readouterr().err
+    (tmp_path / "a.markers.csv").write_text("time_s,marker\n1.0,of an earlier run\n")
+    assert main([*call, str(tmp_path / "a.csv"), "--quiet"]) == 0
+    assert not (tmp_path / "a.markers.csv").exists()
 
 
 def test_validate_says_that_a_right_model_agrees(tmp_path, capsys):

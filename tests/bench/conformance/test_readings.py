@@ -1,5 +1,7 @@
 """Sensors on every board: resistance, thermistor, echo, encoder."""
 
+import itertools
+
 import numpy as np
 import pytest
 from boards import Talk, of
@@ -9,6 +11,7 @@ from scpjax.bench.errors import BenchError
 from scpjax.bench.messages import Calibration
 from scpjax.bench.play import follow
 from scpjax.bench.rig import Rig
+from scpjax.bench.sessions import calibrate, rest
 from scpjax.bench.wiring import Position, Wiring
 from scpjax.bench.world import Muscle, Noise, Still
 from scpjax.control.pid import thesis_pair
@@ -55,7 +58,6 @@ def test_echo_and_encoder_follow(board, source):
     wiring = Wiring(position=law)
     world = Muscle(plant, wiring, noise=Noise(volts=0.0))
     with Rig(board(world), wiring) as rig:
-        rig.set("position_source", 1.0 if source == "echo" else 2.0)
         rig.wait(0.3)
         rig.set_voltage(3.0)
         rig.wait(6.0)
@@ -69,7 +71,6 @@ def test_a_lost_echo_is_a_missing_sample(board):
     wiring = Wiring(position=Position(source="echo", per_count=-8.5e-5, zero=1500.0))
     world = Muscle(plant, wiring, noise=Noise(volts=0.0))
     with Rig(board(world), wiring) as rig:
-        rig.set("position_source", 1.0)
         rig.wait(0.5)
         assert rig.last is not None
         assert wiring.measured(rig.last) == pytest.approx(0.0, abs=1e-4)
@@ -86,8 +87,20 @@ def test_a_loop_without_its_echo_is_ended(board, on):
     world = Muscle(plant, wiring, noise=Noise(volts=0.0))
     device = board(world)
     with pytest.raises(BenchError, match=r"no echo|gives nothing"), Rig(device, wiring) as rig:
-        rig.set("position_source", 1.0)
         rig.wait(0.3)
         world.echo_s = lambda: 0.0
         follow(rig, thesis_pair().agonist, np.full(200, 0.1), every=4, on=on)
     assert device.duty() == (0.0, 0.0)
+
+
+def test_the_zero_of_an_encoder_lies_between_counts_of_either_sign(board):
+    """The board adds up 16 bits without a sign: -1 is 65535 there."""
+    wiring = Wiring(position=Position(source="encoder", per_count=2e-5, zero=0.0))
+    world = Muscle(Difference(known_model("plant"), radius=None), wiring, noise=Noise(volts=0.0))
+    turns = itertools.cycle((0, -1))
+    world.encoder = lambda: next(turns)
+    with Rig(board(world), wiring) as rig:
+        found = calibrate(rig, pulse=0.0, resistance=False)
+    assert found.wiring.position.zero == pytest.approx(-0.5, abs=0.02)
+    with Rig(board(world), wiring) as rig:
+        assert rest(rig, most=60.0) < 30.0
