@@ -21,7 +21,7 @@ from scpjax.bench.parameters import TICK_S
 from scpjax.bench.rig import Rig, pairs
 from scpjax.bench.wiring import Wiring
 from scpjax.control.controller import Controller, scalar
-from scpjax.control.pid import PID, Pair
+from scpjax.control.pid import PID, Pair, check_sampling
 
 C = TypeVar("C", bound=Controller)
 Watch = Callable[[float], None]
@@ -192,9 +192,11 @@ def follow(
 ) -> Followed:
     """Close the loop along a reference [rad], a value for each ``every`` ticks, on the board or here.
 
-    **Raises** `BenchError` for what the board's controller does not do, and as `Rig` does.
+    **Raises** `BenchError` for what the board's controller does not do, `ControlError` for a filter that would blow up
+    at this period, and as `Rig` does.
     """
     before = rig.options.every
+    check_sampling(controller, every * TICK_S)
     rig.stream(every)
     rig.unread()
     seen: list[Timed] = []

@@ -97,11 +97,10 @@ class Muscle(World):
 
         ready = plant.prepare(TICK_S)
         first, unravel = ravel_pytree(ready.initial)
-        heated = _heated(plant)
 
         def read(state: Any) -> Any:
             seen = ready.read(state)
-            return jnp.concatenate([jnp.stack([seen.position, *seen.temperature]), jnp.stack(heated(state))])
+            return jnp.stack([seen.position, *seen.temperature, *seen.heated])
 
         def pass_tick(z: Any, effort: Any) -> tuple[Any, Any]:
             state = ready.advance(unravel(z), tuple(effort[i] for i in range(plant.sides)), load)
@@ -189,19 +188,3 @@ def _resistance(model: Any) -> float:
     if model.structure.drive not in ("voltage", "pwm") or not (math.isfinite(gain) and gain > 0):
         raise BenchError(f"{model!r} is not driven by volts", mend="use a model of volts to displacement")
     return 1 / gain
-
-
-def _heated(plant: Any) -> Any:
-    """Temperatures [K] of the heated nodes of a state of the plant."""
-    from scpjax.control.plant import Difference
-
-    models, apart = plant.models(), isinstance(plant, Difference)
-
-    def heated(state: Any) -> list[Any]:
-        out = []
-        for model, part in zip(models, state if apart else (state,), strict=True):
-            nodes = part[0] if isinstance(part, tuple) else part  # beside the line of a drive with dead time
-            out += [nodes[i] + model.ambient for i in range(len(model.structure.sides))]
-        return out
-
-    return heated

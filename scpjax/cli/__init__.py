@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import io
 import re
 import sys
 from collections.abc import Sequence
@@ -67,6 +68,9 @@ def build_parser() -> Parser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command: 0 when done, 2 and one line on stderr when the call or a file is wrong."""
     one_thread_for_blas()
+    for stream in (sys.stdout, sys.stderr):  # a redirected output of Windows knows no arrows: not the end of a run
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     given = list(sys.argv[1:] if argv is None else argv)
     try:
         parser = build_parser()

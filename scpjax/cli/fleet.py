@@ -47,7 +47,7 @@ def run_fleet(arguments: Namespace) -> None:
     first: ScpjaxError | None = None
     for name, files in actuators.items():
         try:
-            read[name] = read_files(files, drive=arguments.drive, response=arguments.response)
+            read[name] = read_files(files, drive=arguments.drive, response=arguments.response, model=arguments.model)
         except ScpjaxError as error:
             failed[name], first = str(error), first or error
     if not read:
@@ -84,6 +84,8 @@ def _fit_all(job: _Job) -> None:
         with staged(job.out) as folder:
             write_fleet(fleet, folder, command=command_line(job.arguments.line))
     failures = {n: f for n, f in zip(fleet.names, fleet.fits, strict=True) if isinstance(f, str)}
+    for f in fleet.fits:
+        say_doubts(job.arguments, () if isinstance(f, str) else f.notes)
     say(job.arguments, f"{len(job.actuators) - len(failures)} of {len(job.actuators)} actuators fitted")
     _say_end(job, failures)
 
@@ -214,4 +216,9 @@ def find_actuators(where: str, out: Path) -> dict[str, list[str]]:
 
 
 def _free_name(name: str, path: Path, taken: dict[str, list[str]]) -> str:
-    return name if name not in taken else f"{path.parent.name}/{name}"
+    """The name, with as many of the folders before it as make it another than those taken."""
+    for parent in path.parents:
+        if name not in taken:
+            break
+        name = f"{parent.name}/{name}"
+    return name

@@ -22,15 +22,17 @@ from scpjax.simulate.drive import drive_kind, drive_values
 from scpjax.units import Unit, get_unit, parse_column
 
 
-def read_files(paths: Sequence[str], *, drive: str | None, response: str | None) -> list[Recording]:
-    """The recordings of one actuator; a file may be named once."""
+def read_files(
+    paths: Sequence[str], *, drive: str | None, response: str | None, model: str | None = None
+) -> list[Recording]:
+    """The recordings of one actuator, for a model if one is asked for; a file may be named once."""
     seen: set[Path] = set()
     recordings = []
     for path in paths:
         if Path(path).resolve() in seen:
             raise RecordingError("is named twice", where=path, mend="name each file once")
         seen.add(Path(path).resolve())
-        recordings.append(read_recording(path, drive=drive, response=response))
+        recordings.append(read_recording(path, drive=drive, response=response, model=model))
     return recordings
 
 
@@ -75,7 +77,7 @@ def named_model(name: str, path: str, told: str | None) -> tuple[Model, Recordin
         _check_name(name)
         model, extra = load_model(name)
         recording = read_input(path, structure=model.structure, told=told, extra=extra)
-        return fit_drive(model, recording), recording, extra
+        return _in_the_room(fit_drive(model, recording), recording), recording, extra
     kind = structure("plant" if name == "thesis" else name, pulley_radius=1.0)
     recording = read_input(path, structure=kind, told=told, extra={})
     meta = recording.metadata
@@ -90,7 +92,13 @@ def named_model(name: str, path: str, told: str | None) -> tuple[Model, Recordin
     except ModelError as error:
         raise ModelError(error.problem, where=path, mend=error.mend) from error
     drive_values(model.structure, recording)
-    return model, recording, {}
+    return _in_the_room(model, recording), recording, {}
+
+
+def _in_the_room(model: Model, recording: Recording) -> Model:
+    """The model at the ambient temperature that the recording tells, if it does."""
+    ambient = recording.metadata.ambient_K
+    return model if ambient is None else Model(model.structure, model.theta, model.laws, ambient)
 
 
 def _check_name(name: str) -> None:

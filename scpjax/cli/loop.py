@@ -16,7 +16,7 @@ from scpjax.control.errors import ControlError
 from scpjax.control.gains import load_gains
 from scpjax.control.loop import Loop, Response, run
 from scpjax.control.metrics import as_rows, measure
-from scpjax.control.pid import Pair, thesis_pair
+from scpjax.control.pid import Pair, check_sampling, thesis_pair
 from scpjax.control.plant import Difference, Joint, Plant
 from scpjax.control.reference import NAMES, Reference, sections
 from scpjax.control.verdict import check_finite, judge
@@ -38,6 +38,7 @@ def run_loop(arguments: Namespace) -> None:
     loop = Loop(plant, named_gains(arguments.gains, plant))
     time, reference = named_reference(arguments, seed=arguments.seed)
     dt = float(time[1] - time[0])
+    check_sampling(loop.controller, dt)
     with progress(arguments) as show:
         if show:
             show("closing the loop", 0.1)

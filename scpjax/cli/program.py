@@ -157,7 +157,8 @@ def staged(out: Path) -> Iterator[Path]:
             if not parent.exists():
                 parent.mkdir()
                 made.append(parent)
-        folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.absolute().parent))
+        beside = out if out.is_dir() else out.absolute().parent  # on the disk, and with the rights, of what is to be
+        folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=beside))
     except OSError as error:
         _remove(made)
         raise OutputError(f"cannot be made ({error.strerror})", where=f"--out {out}", mend="check it") from error

@@ -24,7 +24,7 @@ def run_fit(arguments: Namespace) -> None:
     """Fit one actuator."""
     out = check_folder(arguments.out)
     keys, known = fixed_values(arguments.fixed)
-    recordings = read_files(arguments.files, drive=arguments.drive, response=arguments.response)
+    recordings = read_files(arguments.files, drive=arguments.drive, response=arguments.response, model=arguments.model)
     recordings = [with_known(r, known) for r in recordings]
     start()
     model = arguments.model if arguments.base is None else base_name(arguments.base)
@@ -67,7 +67,7 @@ def run_diagnose(arguments: Namespace) -> None:
     read = with_earlier(arguments, before, out)
     if before is not None and before.read.files != read.files[: -len(arguments.then)]:
         before = None  # the diagnosis there is of other files
-    recordings = read_files(read.files, drive=read.drive, response=read.response)
+    recordings = read_files(read.files, drive=read.drive, response=read.response, model=read.model)
     limits = limits_of(arguments, recordings)
     start()
     model = read.model if read.base is None else base_name(read.base)

@@ -67,7 +67,8 @@ def run_tune(arguments: Namespace) -> None:
 
 
 def _say(arguments: Namespace, tuned: Tuned, says: tuple[str, ...], files: str) -> None:
-    simple = arguments.effort == 0 and arguments.hottest is None and arguments.sensitivity is None
+    plain = arguments.effort == 0 and arguments.hottest is None and arguments.sensitivity is None
+    simple = plain and arguments.spread is None
     scale, unit = (180 / math.pi, " deg") if simple else (1.0, "")
     words = "RMSE" if simple else "objective"
     if tuned.improved:

@@ -2,7 +2,8 @@
 
 Saturation and anti-windup are left out (thesis 4.4.2): both controllers of a pair are taken to be at work, so the
 loop gain is that of the two together, (4.14). A nonlinear model is linearised about an operating point by autodiff
-(`scpjax.control.operating`).
+(`scpjax.control.operating`). A dead time of the drive is exact in `loop_response` and `sensitivity_peak`, in systems
+of python-control it is a Padé approximation of order 5.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from scpjax.control.controller import Controller, Scalar
 from scpjax.control.errors import ControlError
 from scpjax.control.loop import Loop
 from scpjax.control.metrics import StepFigures, figures_of
-from scpjax.control.operating import linear_parts
+from scpjax.control.operating import dead_times, linear_parts
 from scpjax.control.pid import PID, Pair
 from scpjax.control.plant import Plant
 from scpjax.control.state_space import minimal_polynomials
@@ -51,9 +52,15 @@ def side_systems(plant: Plant, effort: Float[Array, " sides"] | None = None) -> 
     import control
 
     systems = []
-    for a, b, c in linear_parts(plant, effort):
-        systems.append(control.StateSpace(np.asarray(a), np.asarray(b)[:, None], np.asarray(c)[None], [[0.0]]))
+    for (a, b, c), delay in zip(linear_parts(plant, effort), dead_times(plant), strict=True):
+        system = control.StateSpace(np.asarray(a), np.asarray(b)[:, None], np.asarray(c)[None], [[0.0]])
+        if float(delay) > 0:
+            system = control.series(control.tf2ss(*control.pade(float(delay), _PADE)), system)
+        systems.append(system)
     return systems
+
+
+_PADE = 5  # order
 
 
 def open_loop(loop: Loop, effort: Float[Array, " sides"] | None = None) -> control.StateSpace:
@@ -205,10 +212,10 @@ def loop_response(
     s = 1j * omega
     total = jnp.zeros(omega.shape, complex)
     parts = linear_parts(loop.plant, effort)
-    for pid, (a, b, c) in zip(controllers(loop.controller), parts, strict=True):
+    for pid, (a, b, c), delay in zip(controllers(loop.controller), parts, dead_times(loop.plant), strict=True):
         over, under = _polynomials(a, b, c)
         plant = jnp.polyval(over.astype(complex), s) / jnp.polyval(under.astype(complex), s)
-        total = total + plant * (pid.kp + pid.ki / s + pid.kd * pid.n * s / (s + pid.n))
+        total = total + jnp.exp(-s * delay) * plant * (pid.kp + pid.ki / s + pid.kd * pid.n * s / (s + pid.n))
     return total
 
 

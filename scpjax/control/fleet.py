@@ -32,7 +32,7 @@ def spread_plants(
 
     Each side of a `Difference` has its own. ``keys`` are by default those of `varied`.
 
-    **Raises** `ControlError` for a spread or a count that makes no fleet, and parameters that are 0.
+    **Raises** `ControlError` for a spread or a count that makes no fleet.
     """
     if not (0 < spread < np.inf) or count < 1:
         raise ControlError(f"{count} plants with a spread of {spread:g}", mend="give 1 plant or more, spread above 0")

@@ -49,7 +49,8 @@ class Disturbance(eqx.Module):
 class Response(eqx.Module):
     """A loop's trajectory; SI. ``angle`` is the true one (m where the plant has no pulley), disturbance included.
 
-    ``effort`` [V^2] was applied from each sample to the next, ``asked`` is the command before its limits.
+    ``effort`` [V^2] was applied from each sample to the next, ``asked`` is the command before its limits;
+    ``temperature`` [K] is that of the heated parts, whatever their thermometers say.
     """
 
     time: Float[Array, " n"]
@@ -140,7 +141,8 @@ def _body(plant: Prepared, controller: Controller, sensor: Sensor, dt: Any):
     def body(carry: tuple, x: tuple) -> tuple[tuple, tuple]:
         z, memory, line, held = carry
         k, reference, outside, noise = x
-        position, temperature = plant.read(z)
+        seen = plant.read(z)
+        position, temperature = seen.position, seen.heated
         if outside.output is not None:
             position = position + outside.output
         line, measured = sensor.read(line, position, 0.0 if noise is None else noise)

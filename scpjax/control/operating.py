@@ -50,6 +50,11 @@ def linear_parts(plant: Plant, effort: Float[Array, " sides"] | None = None) -> 
     return parts
 
 
+def dead_times(plant: Plant) -> list[Array]:
+    """Dead time [s] of the drive of each side, 0 where there is none; beside `linear_parts`, which have none."""
+    return [jnp.asarray(model.delay(), float) for model in plant.models() for _ in model.structure.sides]
+
+
 def reach(plant: Plant, high: float | Array) -> tuple[float, float]:
     """Angles [rad] at which the plant comes to rest under the greatest effort [V^2] of either side alone."""
     ends = []

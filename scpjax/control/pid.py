@@ -144,6 +144,18 @@ class PID(Controller):
         return self.n * (self.kd * (self.derivative_weight * reference - measurement) - state.filtered)
 
 
+def check_sampling(controller: Controller, dt: float) -> None:
+    """Refuse a derivative filter that blows up by itself at samples every ``dt`` [s]: by forward Euler
+    F' = (1 - N dt) F + ..., which grows from N dt = 2 on. **Raises** `ControlError`.
+    """
+    for pid in (controller.agonist, controller.antagonist) if isinstance(controller, Pair) else (controller,):
+        if isinstance(pid, PID) and pid.form == "forward_euler" and float(pid.n) * dt >= 2:
+            raise ControlError(
+                f"N = {float(pid.n):g} rad/s with a sample every {dt:g} s: the filter of the derivative blows up",
+                mend=f"take N below {2 / dt:g}, a shorter dt, or form = 'tustin'",
+            )
+
+
 class Pair(Controller):
     """Agonist and antagonist, each with its own controller, both always at work (thesis 3.4.1, Figure 3.12)."""
 

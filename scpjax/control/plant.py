@@ -8,14 +8,16 @@ are propagated exactly under the held effort, others by second-order exponential
 from __future__ import annotations
 
 import abc
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
-from scpjax.control.controller import check_number, scalar
+from scpjax.control.controller import check_number, known, scalar
 from scpjax.control.errors import ControlError
 from scpjax.physics.coupling import coupling
 from scpjax.physics.mechanism import Mechanism
@@ -27,10 +29,13 @@ Advance = Callable[[States, tuple[Array, ...], Array | float], States]
 
 
 class Reading(NamedTuple):
-    """What a plant shows: ``position`` [rad] (or m), ``temperature`` [K] of each heated side."""
+    """What a plant shows: ``position`` [rad] (or m), ``temperature`` [K] of each heated side as its thermometer has it,
+    ``heated`` [K] as it is.
+    """
 
     position: Array
     temperature: tuple[Array, ...]
+    heated: tuple[Array, ...]
 
 
 class Prepared(NamedTuple):
@@ -137,7 +142,8 @@ class Difference(Plant):
         def read(z: Any) -> Reading:
             seen = [r(s.states(zi)) for r, s, zi in zip(reads, steps, z, strict=True)]
             moved = seen[0].position - seen[1].position if len(seen) == 2 else seen[0].position
-            return Reading(moved * scale, tuple(t for s in seen for t in s.temperature))
+            warm = tuple(t for s in seen for t in s.temperature)
+            return Reading(moved * scale, warm, tuple(t for s in seen for t in s.heated))
 
         return Prepared(tuple(s.initial for s in steps), advance, read)
 
@@ -207,7 +213,7 @@ class ModelStep(NamedTuple):
     states: Callable[[Any], States]
 
 
-_MOST_DELAY = 64  # samples that a drive's dead time may span
+_MOST_DELAY = 64  # samples that a drive's dead time may span, where neither it nor the step is known yet
 
 
 def model_step(model: Model, dt: Array | float, substeps: int = 1) -> ModelStep:
@@ -222,15 +228,28 @@ def model_step(model: Model, dt: Array | float, substeps: int = 1) -> ModelStep:
     if all(type(m).delay is Mechanism.delay for m in s.mechanisms):
         return ModelStep(rest, advance, lambda z: z)
     share = model.delay() / dt
+    length = _delay_line(model, share, dt)
 
     def later(z: Any, effort: tuple[Array, ...], load: Array | float) -> Any:
         states, line = z
         line = tuple(jnp.concatenate([u[None], past[:-1]]) for u, past in zip(effort, line, strict=True))
-        weight = jnp.maximum(1.0 - jnp.abs(jnp.arange(_MOST_DELAY) - share), 0.0)  # mean of the held effort over dt
+        weight = jnp.maximum(1.0 - jnp.abs(jnp.arange(length) - share), 0.0)  # mean of the held effort over dt
         return advance(states, tuple(jnp.sum(weight * u) for u in line), load), line
 
-    empty = tuple(jnp.zeros(_MOST_DELAY, model.theta.dtype) for _ in s.sides)
+    empty = tuple(jnp.zeros(length, model.theta.dtype) for _ in s.sides)
     return ModelStep((rest, empty), later, lambda z: z[0])
+
+
+def _delay_line(model: Model, share: Array | float, dt: Array | float) -> int:
+    """Samples that a dead time of ``share`` steps may span: known, or as its bounds and the step allow."""
+    seen, step = known(share), known(dt)
+    if seen is not None:
+        return math.ceil(float(np.max(seen))) + 2
+    if step is None:
+        return _MOST_DELAY
+    late = [m for m in model.structure.mechanisms if type(m).delay is not Mechanism.delay]
+    longest = sum(max(p.bounds[1] for p in m.parameters if p.unit == "s") for m in late)
+    return math.ceil(longest / float(np.min(step))) + 2
 
 
 def _linear(model: Model, dt: Array | float) -> Advance:
@@ -289,7 +308,8 @@ def _reader(model: Model, slack: Array | None) -> Callable[[States], Reading]:
     def read(z: States) -> Reading:
         parts = balances.observe(z, still)
         position = parts[-1] if slack is None else jnp.maximum(parts[-1] - slack, 0.0)
-        return Reading(position, tuple(parts[:-1]))
+        heated = tuple(z[i] + model.ambient for i in range(len(s.sides))) if s.thermal else ()
+        return Reading(position, tuple(parts[:-1]), heated)
 
     return read
 

@@ -184,7 +184,7 @@ class Tuned:
     @property
     def improved(self) -> bool:
         """Whether something better than what was given was found."""
-        return self.value < self.before
+        return not self.value >= self.before  # also than gains under which the loop does not stay finite
 
 
 def tune(problem: Problem, options: TuneOptions | None = None) -> Tuned:
@@ -217,7 +217,7 @@ def tune(problem: Problem, options: TuneOptions | None = None) -> Tuned:
         found, refined = np.where(np.isfinite(point.value), point.value, np.inf), len(starts) * o.steps
         if found.min() <= value:
             at, value = np.asarray(point.at)[int(np.argmin(found))], found.min()
-    better = bool(value < before)
+    better = bool(not value >= before)  # than gains under which the loop does not stay finite, all that does is better
     controller = with_gains(problem.loop.controller, dict(zip(o.free, np.exp(at).tolist(), strict=True)))
     controller = controller if better else problem.loop.controller
     edge = (np.abs(at - low) < 1e-6) | (np.abs(at - high) < 1e-6)

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from scpjax.fit.setup import UNKNOWN_POWER
+
 OUTLYING = 3.5
 """Robust standard deviations from the median beyond which a value is an outlier (Iglewicz, Hoaglin, How to Detect and
 Handle Outliers, 1993, section 3.2)."""
@@ -40,6 +42,11 @@ class Member:
     def verdict(self) -> str:
         """adequate, explained or unexplained; nothing where it failed."""
         return "" if self.content is None else str(self.content["verdict"])
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is told beside."""
+        return () if self.content is None else tuple(self.content["notes"])
 
     @property
     def parameters(self) -> dict[str, Mapping[str, Any]]:
@@ -90,13 +97,16 @@ def effects(members: Sequence[Member]) -> dict[str, tuple[str, ...]]:
 
 
 def spreads(members: Sequence[Member]) -> tuple[Spread, ...]:
-    """Every parameter that two actuators or more have, in the order of their diagnoses."""
+    """Every parameter that two actuators or more have, in the order of their diagnoses; without those in watts or
+    joules where the power of one is not known: each then has a scale of its own.
+    """
     keys = dict.fromkeys(k for m in members for k in m.parameters)
+    no_power = any(n.startswith(UNKNOWN_POWER) for m in members for n in m.notes)
     out = []
     for key in keys:
         have = [(m.name, m.parameters[key]) for m in members if key in m.parameters]
         have = [(n, e) for n, e in have if e["value"] is not None]
-        if len(have) < 2:
+        if len(have) < 2 or (no_power and str(have[0][1]["unit"]).startswith(("W", "J"))):
             continue
         values = np.array([float(e["value"]) for _, e in have])
         std = np.array([np.inf if e["std"] is None or e.get("at_limit") else float(e["std"]) for _, e in have])

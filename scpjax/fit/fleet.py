@@ -17,7 +17,7 @@ from scpjax.fit.fit import FitOptions, final_model, noise_by_column, scores, tra
 from scpjax.fit.identifiability import estimates, uncertainty
 from scpjax.fit.problem import Space, Trial
 from scpjax.fit.result import Fit
-from scpjax.fit.setup import Setup, choose_model, prepare, usual_substeps
+from scpjax.fit.setup import Setup, choose_model, greatest_effort, prepare, structure_for, usual_substeps
 from scpjax.fit.solve import pick, solve_fleet, stack
 from scpjax.parameter import Bounded
 from scpjax.recordings.recording import Recording
@@ -94,6 +94,7 @@ def _setups(
         steps = max([steps, *(grid_of(r.time, substeps=fine)[1] for r in recordings)])
     steps = 64 * -(-steps // 64)
     bin = options.bin or _common_bin(actuators)
+    full = _full_effort(actuators, model)
     for i, recordings in enumerate(actuators):
         if progress:
             progress("reading starts from the data", 0.2 * i / len(actuators))
@@ -108,10 +109,25 @@ def _setups(
                 prior_strength=options.prior,
                 release=options.release,
                 pad_to=steps,
+                full_effort=full,
             )
         except ScpjaxError as error:
             failures[i] = str(error)
     return setups, failures
+
+
+def _full_effort(actuators: Sequence[Sequence[Recording]], model: str | None) -> float | None:
+    """Greatest effort of any actuator, so that what is known up to the power at full drive can be compared; None where
+    none can be fitted, or their drives are not of one kind.
+    """
+    found: dict[str, float] = {}
+    for recordings in actuators:
+        try:
+            s = structure_for(recordings, model)
+            found[s.drive] = max(greatest_effort(recordings, s), found.get(s.drive, 0.0))
+        except ScpjaxError:  # `prepare` tells of it
+            continue
+    return next(iter(found.values())) if len(found) == 1 else None
 
 
 def _common_bin(actuators: Sequence[Sequence[Recording]]) -> int:

@@ -22,7 +22,8 @@ from scpjax.simulate.simulate import Exponential, Method, simulate
 from scpjax.units import parse_column
 
 _HALVINGS = 5  # of a step of prediction, at most
-_CHANGED = 0.003  # of an output's standard deviation, by which it may change when the steps are halved
+_CHANGED = 0.003  # of an output's standard deviation, by which it may change when the steps are halved,
+_RESOLVED = 0.1  # and of the noise of a sample, where that is told
 _CLEAR = 4.0  # standard deviations from rest beyond which a first sample says that the actuator was not at rest
 _COLDER = 6.0  # of them below the room, beyond which it says that a heated actuator was colder than that
 
@@ -60,7 +61,12 @@ def predict(
         z0 = _in_motion(model, driven, first, method)
         return np.asarray(simulate(model, driven, initial=z0, method=method).outputs)[recorded]
 
-    outputs = _resolved(model, recording, outputs_by) if method is None else outputs_by(method)
+    told = _columns(model, recording, response_columns)
+    within = np.full(len(model.structure.outputs), np.inf)
+    for column, j, scale, _ in told:
+        if (noise or {}).get(column, 0.0) > 0:
+            within[j] = _RESOLVED * (noise or {})[column] * abs(scale)
+    outputs = _resolved(model, recording, outputs_by, within) if method is None else outputs_by(method)
     if not np.all(np.isfinite(outputs)):
         raise ModelError(
             "the simulation left all bounds",
@@ -68,14 +74,16 @@ def predict(
             mend="check the drive's unit; else it leads too far from what the model was fitted to",
         )
     named = {}
-    for column, j, scale, offset in _columns(model, recording, response_columns):
+    for column, j, scale, offset in told:
         named[column] = (outputs[:, j] - offset) / scale
     return np.asarray(recording.time), named
 
 
-def _resolved(model: Model, recording: Recording, outputs_by: Callable[[Exponential], np.ndarray]) -> np.ndarray:
+def _resolved(
+    model: Model, recording: Recording, outputs_by: Callable[[Exponential], np.ndarray], within: np.ndarray
+) -> np.ndarray:
     """Outputs (n, outputs) by steps that are short enough: where what resists motion may saturate within one, and an
-    explicit step go astray, they are halved until that changes nothing.
+    explicit step go astray, they are halved until that changes nothing, to ``within`` (outputs,) at the most.
     """
     s = model.structure
     substeps = s.system.substeps if s.system else 1
@@ -87,7 +95,8 @@ def _resolved(model: Model, recording: Recording, outputs_by: Callable[[Exponent
     for _ in range(_HALVINGS):
         substeps *= 2
         coarse, outputs = outputs, outputs_by(Exponential(order=order, substeps=substeps))
-        if np.all(np.std(outputs - coarse, axis=0) <= _CHANGED * np.std(outputs, axis=0)):
+        change = np.sqrt(np.mean((outputs - coarse) ** 2, axis=0))
+        if np.all(change <= np.minimum(_CHANGED * np.std(outputs, axis=0), within)):
             break
     return outputs
 

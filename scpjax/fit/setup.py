@@ -24,7 +24,7 @@ from scpjax.physics.presets import structure as preset
 from scpjax.physics.presets import system_structure
 from scpjax.physics.structure import DriveKind, Structure
 from scpjax.recordings.plausible import LOOK, doubts
-from scpjax.recordings.recording import Recording, check_informative
+from scpjax.recordings.recording import Recording, check_informative, place
 from scpjax.simulate.drive import drive_kind, recorded_effort
 
 KNOWN = {
@@ -173,12 +173,13 @@ def prepare(
     max_bins: int = 800,
     pad_to: int = 256,
     release: bool = False,
+    full_effort: float | None = None,
 ) -> Setup:
     """Everything a fit or a diagnosis of one actuator needs.
 
     ``model`` may be the name of a base of the user's own; ``fixed`` holds physical values by parameter key;
     ``prior_strength`` divides the spread of the base priors; ``release`` says that the weight may be moving when a
-    recording begins.
+    recording begins; ``full_effort`` is what is called 1 W where nothing tells the power, the greatest when not given.
 
     **Raises** `FitError` or `RecordingError` for recordings that cannot be fitted, with the mend.
     """
@@ -195,6 +196,11 @@ def prepare(
     sigma = noise_of(recordings, s)
     ambient, notes = ambients(recordings, s, float(sigma[0]))
     known, known_notes = _known(recordings, s, fixed or {})
+    told = tuple(known)
+    if s.thermal and "joule_heating.gain" not in known:
+        gain, gain_note = _gain_of_full_drive(full_effort or greatest_effort(recordings, s), s)
+        known, known_notes = known | gain, known_notes + gain_note
+        told += tuple(gain) if not gain_note else ()
     guesses, scales = guess_base(recordings, s, ambient, known)
     bin = bin or bin_of(recordings, scales, max_bins)
     data = pack(s, recordings, sigma, ambient=ambient, bin=bin, order=order, substeps=substeps, pad_to=pad_to)
@@ -212,7 +218,7 @@ def prepare(
     driven_notes = (_DRIVEN,) if locals_.displaced and not moving else ()
     notes = cut_notes + notes + known_notes + driven_notes + _unused(whole, s)
     notes = tuple(d for r in whole for d in doubts(r)) + notes
-    return Setup(s, recordings, data, space, fixed_values, active, tuple(starts), scales, tuple(known), notes)
+    return Setup(s, recordings, data, space, fixed_values, active, tuple(starts), scales, told, notes)
 
 
 def _held(
@@ -272,37 +278,53 @@ def _known(
 ) -> tuple[dict[str, float], tuple[str, ...]]:
     """Physical values that are held, by parameter key, and what to tell the user about them."""
     known: dict[str, float] = {}
-    for name, value in recordings[0].metadata.known:
+    notes: list[str] = []
+    told = next((r.metadata for r in recordings if r.metadata.known), recordings[0].metadata)
+    for name, value in told.known:
         key = KNOWN.get(name)
         if key is None or key not in s.index:
             continue
+        if not (value > 0 or (value == 0 and name == "damping_Ns_per_m")):
+            raise FitError(f"{name} is {value:g}", where=place(told), mend="give a number above 0")
         if name == "resistance_ohm":
             if s.drive not in ("voltage", "pwm", "current"):
                 continue
             value = value if s.drive == "current" else 1.0 / value
         known[key] = value
-    for r in recordings[1:]:
-        if dict(r.metadata.known) != dict(recordings[0].metadata.known):
+    for r in recordings:
+        if not r.metadata.known and told.known:
+            notes.append(f"{LOOK}{r.metadata.name} has no [actuator]; that of {told.name} is taken for it, too")
+        elif dict(r.metadata.known) != dict(told.known):
             raise FitError(
                 "the [actuator] values differ between recordings",
                 where=r.metadata.path,
-                mend="fit recordings of one actuator together, others with scpjax fleet",
+                mend="write the same values of one actuator in each .toml; fit different ones with scpjax fleet",
             )
     for key, value in fixed.items():
         if key not in s.index:
             raise ModelError(f"no parameter {key!r}", mend=f"the model has {sorted(s.index)}")
         known[key] = float(value)
-    notes = []
-    if s.thermal and "joule_heating.gain" not in known:
-        top = max(float(np.max(np.abs(np.asarray(recorded_effort(s, r))))) for r in recordings)
-        gain = 1.0 if s.drive == "power" else 1.0 / top
-        known["joule_heating.gain"] = gain
-        if s.drive != "power":
-            notes.append(
-                f"the power that the drive makes is not known: full drive is called 1 W (gain {gain:.4g}), "
-                "so conductance and thermal mass are known only up to that factor"
-            )
     return known, tuple(notes)
+
+
+def greatest_effort(recordings: Sequence[Recording], s: Structure) -> float:
+    """Greatest effort (`EFFORT_UNITS`) that recordings drive with."""
+    return max(float(np.max(np.abs(np.asarray(recorded_effort(s, r))))) for r in recordings)
+
+
+UNKNOWN_POWER = "the power that the drive makes is not known: "
+"""How the note begins where it is not."""
+
+
+def _gain_of_full_drive(effort: float, s: Structure) -> tuple[dict[str, float], tuple[str, ...]]:
+    """The gain by which full drive is 1 W, and the note on it; a drive in watts has its own."""
+    if s.drive == "power":
+        return {"joule_heating.gain": 1.0}, ()
+    note = (
+        f"{UNKNOWN_POWER}full drive is called 1 W (gain {1.0 / effort:.4g}), so conductance and thermal mass are known "
+        "only up to that factor"
+    )
+    return {"joule_heating.gain": 1.0 / effort}, (note,)
 
 
 def _unused(recordings: Sequence[Recording], s: Structure) -> tuple[str, ...]:

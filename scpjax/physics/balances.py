@@ -268,6 +268,11 @@ class Balances:
         found = -flows[0] / (flows[1] - flows[0])
         return found if self.structure.drive == "gain" else jnp.maximum(found, 0.0)
 
+    def _is_held(self) -> Array:
+        """Whether something that holds an actuator beside its equilibrium is in it, with a strength."""
+        every = zip(self.structure.mechanisms, self.values, strict=True)
+        return jnp.any(jnp.array([False, *(jnp.any(p.strength > 0) for m, p in every if m.holds)]))
+
     def _begun(self, own: Array | None) -> list[Array]:
         """States that a system begins in, zero where none are given; none without a system."""
         if self.structure.system is None:
@@ -300,12 +305,13 @@ class Balances:
             def seen(parts: States, effort: Array, reaching: bool = False) -> View:
                 view, owns = self._view([*heat, *moving, *parts, *clock], effort, reaching)
                 view.felt = self._fold("felt_temperature", view.temperature, view, owns)
-                view.displaced = self._signed(jnp.asarray(beside, self.dtype))
                 return view
 
             def begin(view: View, among: Callable[[Mechanism], bool]) -> list[Array]:
                 for m, p in zip(self.structure.mechanisms, self.values, strict=True):
                     if m.states and among(m):
+                        share = jnp.where(self._is_held(), 0.0, 1.0) if m.last_to_hold else 1.0
+                        view.displaced = self._signed(jnp.asarray(beside * share, self.dtype))
                         given = begun if m is self.structure.system else m.initial(p, view)
                         states[m.name] = [part for start in given for part in self._each(jnp.asarray(start))]
                 return [part for mine in states.values() for part in mine]

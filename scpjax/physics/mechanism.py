@@ -83,6 +83,8 @@ class Mechanism(eqx.Module):
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     states: ClassVar[tuple[str, ...]] = ()
     timed: ClassVar[bool] = False  # whether it looks at ``view.time``
+    holds: ClassVar[bool] = False  # whether its strength can hold an actuator beside its equilibrium
+    last_to_hold: ClassVar[bool] = False  # whether it answers for such a start only where nothing that holds is there
     laws: ClassVar[tuple[str, ...]] = ("",)
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {}  # laws that a parameter belongs to, where not to all
     needs: ClassVar[tuple[str, ...]] = ()  # of `scpjax.physics.catalogue.NEEDS`

@@ -34,12 +34,14 @@ def read_recording(
     drive: str | Sequence[str] | None = None,
     response: str | Sequence[str] | None = None,
     hold: Hold | None = None,
+    model: str | None = None,
     require_outputs: bool = True,
 ) -> Recording:
     """Read one recording.
 
-    ``drive`` and ``response`` name columns (comma separated, or a list) and go before ``[roles]`` of the
-    TOML, which goes before the column names. Where the TOML does not say how the input runs between
+    ``model`` goes before that of the TOML: of ``tm`` the drive is a temperature. ``drive`` and ``response`` name
+    columns (comma separated, or a list) and go before ``[roles]`` of the TOML, which goes before the column
+    names. Where the TOML does not say how the input runs between
     samples, it is as ``hold`` says; without that a temperature that drives runs linearly and everything else
     is held (zero order). With ``require_outputs=False`` a file of inputs alone will do, and responses that
     ``[roles]`` names may be missing from it. Raises ``RecordingError``, one line with file, place, problem
@@ -56,7 +58,7 @@ def read_recording(
         said = tuple(name for name in said if name in table.names)
     roles = choose_roles(
         [name for name in table.names if name != clock],
-        model=metadata.model,
+        model=model or metadata.model,
         drive=sidecar.drive if drive is None else drive,
         response=said if response is None else response,
         where=str(path),
@@ -75,7 +77,9 @@ def read_recording(
         {name: columns[name] for name in roles.drive},
         {name: columns[name] for name in roles.response},
         hold=hold,
-        metadata=dataclasses.replace(metadata, quasi_static=clock == "index"),
+        metadata=dataclasses.replace(
+            metadata, quasi_static=clock == "index", unread=tuple(n for n in table.names if n not in columns)
+        ),
         require_outputs=require_outputs,
     )
 

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Sequence
+
 import numpy as np
 
+from scpjax.errors import ScpjaxError
 from scpjax.recordings.recording import Recording
+from scpjax.recordings.roles import RESPONSES
+from scpjax.units import STEM_QUANTITY, parse_column
 
 LOOK = "look again: "
 """How such a note begins."""
@@ -49,7 +55,28 @@ def doubts(recording: Recording) -> tuple[str, ...]:
         elif kind in _GREATEST and max(-low, high) > _GREATEST[kind][0]:
             unit = _GREATEST[kind][1]
             out.append(f"{where}: reaches {max(-low, high):.4g} {unit}; is it in thousandths ({c.stem}_m{unit})?")
+    for column in r.metadata.unread:
+        meant = _meant(column, [c.stem for c in (*r.input_channels, *r.output_channels)])
+        if meant:
+            out.append(f"{name}: the column {column} is not read; is it {meant}?")
+    if r.metadata.quasi_static:
+        out.append(f"{name}: no time was recorded, so a sample counts as a second; add a column time_s if there is one")
     return tuple(LOOK + text for text in out)
+
+
+def _meant(column: str, there: Sequence[str]) -> str:
+    """The response that a column which is not read may have been meant as, by its unit and nearly its name."""
+    try:
+        stem, unit = parse_column(column)
+    except ScpjaxError:  # no unit that we know: a column of something else
+        return ""
+    stems = [s for s in RESPONSES if STEM_QUANTITY[s.split("_")[0]] == unit.quantity and s not in there]
+    words = {s: s for s in stems} | {_SHORT[s]: s for s in stems if s in _SHORT}
+    close = difflib.get_close_matches(stem.lower(), words, n=1, cutoff=0.75)
+    return f"{words[close[0]]}_{unit.suffix}" if close and words[close[0]] != stem else ""
+
+
+_SHORT = {"temperature": "temp", "displacement": "disp"}
 
 
 def doubts_of_ambient(name: str, ambient: float) -> tuple[str, ...]:

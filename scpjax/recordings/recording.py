@@ -39,7 +39,8 @@ class Metadata:
     """What is known of a recording beside its samples; SI.
 
     ``known`` holds the values of ``[actuator]`` by their names there (``resistance_ohm``); ``quasi_static``
-    says that no time was recorded and that the time axis only counts samples.
+    says that no time was recorded and that the time axis only counts samples; ``unread`` names the columns of the file
+    that are neither drive nor response.
     """
 
     title: str = ""
@@ -53,6 +54,7 @@ class Metadata:
     pulley_mass_kg: float | None = None
     supply_V: float | None = None
     quasi_static: bool = False
+    unread: tuple[str, ...] = ()
     provenance: str = ""
 
     def get_known(self, key: str, default: float | None = None) -> float | None:

@@ -45,7 +45,7 @@ def choose_roles(
 
     What ``drive`` and ``response`` (comma separated, or a list) do not settle, the names do: the drive is
     the joint's pair of voltages (or pwm), else the first of voltage, pwm, power, current; for
-    ``model="tm"`` without any of them it is the temperature. Responses are temperature, displacement, force
+    ``model="tm"`` it is the temperature where there is one. Responses are temperature, displacement, force
     and angle. Raises ``RecordingError`` where a named column is not there, has no usable unit, or no drive
     is found, or no response where one is required.
     """
@@ -80,14 +80,14 @@ def split_names(names: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def _automatic_drives(found: dict[str, str], model: str | None) -> tuple[str, ...]:
+    if model == "tm" and "temperature" in found and len(found) > 1:
+        return (found["temperature"],)
     for pair in JOINT_DRIVES:
         if any(stem in found for stem in pair):
             return tuple(found[stem] for stem in pair if stem in found)
     for stem in DRIVES:
         if stem in found:
             return (found[stem],)
-    if model == "tm" and "temperature" in found and len(found) > 1:
-        return (found["temperature"],)
     return ()
 
 

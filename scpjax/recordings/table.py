@@ -42,10 +42,10 @@ class Table:
     @property
     def clock(self) -> str:
         """The column that gives the time; ``RecordingError`` where there is none."""
-        for name in CLOCKS:
-            if name in self.names:
-                return name
         close = [name for name in self.names if name.lower().startswith(("time", "t_", "t ", "t(", "sec"))]
+        for name in CLOCKS:
+            if name in self.names and not (name == "index" and close):  # of rows, beside a time of another name
+                return name
         close += difflib.get_close_matches("time_s", self.names, n=1)
         mend = f"rename '{close[0]}' to 'time_s'" if close else "name the column of times in seconds 'time_s'"
         raise RecordingError(
@@ -164,9 +164,10 @@ def _read_slow(table: Table, wanted: tuple[str, ...], optional: tuple[str, ...])
     kept = [(number, text) for number, text in lines if _is_data(text)]
     rows = csv.reader((_without_comment(text) for _, text in kept), delimiter=table.delimiter, skipinitialspace=True)
     index = [(name, table.names.index(name), name in optional) for name in wanted]
-    values = {name: np.empty(len(kept)) for name in wanted}
-    for k, ((number, _), row) in enumerate(zip(kept, rows, strict=False)):
-        place = f"{table.where}:line {number}"
+    values: dict[str, list[float]] = {name: [] for name in wanted}
+    done = 0
+    for row in rows:  # of more than one line where a quoted cell goes on in the next
+        place, done = f"{table.where}:line {kept[done][0]}", rows.line_num
         if len(row) == len(table.names) + 1 and not row[-1].strip():
             row = row[:-1]  # a delimiter at the end of the line
         if len(row) != len(table.names):
@@ -176,12 +177,16 @@ def _read_slow(table: Table, wanted: tuple[str, ...], optional: tuple[str, ...])
                 mend="repair or remove the line",
             )
         for name, column, may_miss in index:
-            values[name][k] = _cell(row[column], name, place, table.delimiter, may_miss)
-    return values
+            values[name].append(_cell(row[column], name, place, table.delimiter, may_miss))
+    return {name: np.array(column) for name, column in values.items()}
 
 
 def _without_comment(line: str) -> str:
-    return re.split(r"\s#", line, maxsplit=1)[0]
+    """The line up to a ``#`` after a space, unless that is in quotes."""
+    for found in re.finditer(r"\s#", line):
+        if line[: found.start()].count('"') % 2 == 0:
+            return line[: found.start()]
+    return line
 
 
 def _cell(cell: str, name: str, place: str, delimiter: str, may_miss: bool) -> float:

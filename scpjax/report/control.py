@@ -179,15 +179,18 @@ def _body(report: TuningReport, linear: list[LoopFigures | None], shapes: dict[s
     says = (
         f"The joint follows with an RMSE of {number(math.degrees(after.rmse))}° instead of "
         f"{number(math.degrees(before.rmse))}°."
-        if t.improved and gain > 0
+        if t.improved and not gain <= 0
         else "Better by the objective, not by the RMSE alone." if t.improved
         else "Nothing better than the given gains was found; they are kept."
     )  # fmt: skip
     facts = [(n, number(t.given[n]), number(t.gains[n])) for n in ("Kp", "Ki", "Kd", "N")]
     units = {"Kp": "Kp, V²/°", "Ki": "Ki, V²/(° s)", "Kd": "Kd, V² s/°", "N": "N, rad/s"}
+    old = {words: value for words, value, _ in as_rows(before)}
+    new = {words: value for words, value, _ in as_rows(after)}
+    units_of = {words: unit for words, _, unit in (*as_rows(before), *as_rows(after))}
     rows = [
-        (words, f"{number(old, 3)} {unit}", f"{number(new, 3)} {unit}")
-        for (words, old, unit), (_, new, _) in zip(as_rows(before), as_rows(after), strict=True)
+        (words, *(f"{number(x[words], 3)} {unit}" if words in x else "–" for x in (old, new)))
+        for words, unit in units_of.items()
     ]
     notes = list(report.verdict.says)
     if t.at_bound:

@@ -77,7 +77,7 @@ def write_diagnosis(
         page.section(
             "Before and after",
             _scores_table(d),
-            overlay_figures(files, d.traces, bool(d.mechanisms)),
+            overlay_figures(files, d.traces, _is_extended(d)),
         ),
         page.section(
             "What was tried",
@@ -104,12 +104,17 @@ _RANKING_CAPTION = (
 )
 
 
+def _is_extended(d: Diagnosis) -> bool:
+    """Whether there is more in the model that is told than in the base model: what is named, or only learned."""
+    return bool(d.mechanisms) or d.closure is not None
+
+
 def _diagnosis_head(d: Diagnosis) -> str:
     items = []
     for name, before in d.base.held_out.items():
         after = d.extended.held_out.get(name, before)
         noise = d.base.noise.get(name)
-        old = before["rmse"] if d.mechanisms else None
+        old = before["rmse"] if _is_extended(d) else None
         items.append(fact(name, old, after["rmse"], "held-out error", noise))
     files = ", ".join(dict.fromkeys(t.recording for t in d.traces))
     return heading("Diagnosis", d.verdict, d.verdict, d.says, files) + page.facts(items)
@@ -280,4 +285,4 @@ def _cannot_tell(d: Diagnosis) -> list[str]:
 
 
 def _labels(d: Diagnosis) -> tuple[str, str]:
-    return "base model", "extended model" if d.mechanisms else "model"
+    return "base model", "extended model" if _is_extended(d) else "model"

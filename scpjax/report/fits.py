@@ -24,6 +24,7 @@ from scpjax.report.pieces import (
     file_names,
     heading,
     model_extra,
+    notes_of_all,
     overlay_figures,
     overlays,
     parameters_table,
@@ -153,6 +154,7 @@ def write_fleet(fleet: Fleet, out_dir: str | Path, *, command: str = "") -> Path
         ),
         page.section("How well each is fitted", _fleet_scores(good)),
         page.section("Not fitted", page.bullets([f"{n}: {why}" for n, why in failed.items()])),
+        page.section("Notes", page.bullets(notes_of_all({n: f.notes for n, f in good.items()}))),
         reproduce(command, {}, fleet.seconds, ()),
     ]
     return write_page(out, "scpjax fleet", body)

@@ -19,7 +19,16 @@ from scpjax.fit.result import Estimate
 from scpjax.recordings.files import write_text
 from scpjax.report import bars, page, plot
 from scpjax.report.numbers import column, number, percent, unit
-from scpjax.report.pieces import heading, reproduce, sentence, title, write_figures, write_json, write_page
+from scpjax.report.pieces import (
+    heading,
+    notes_of_all,
+    reproduce,
+    sentence,
+    title,
+    write_figures,
+    write_json,
+    write_page,
+)
 from scpjax.report.plot import EXTENDED, FAINT, GRID, TEXT, new_figure
 
 _VERDICTS = {"adequate": "#00734f", "explained": EXTENDED, "unexplained": "#a63d00"}
@@ -63,6 +72,7 @@ def write_fleet_diagnosis(
         ),
         page.section("Each actuator", _each(whole)),
         page.section("Not diagnosed", page.bullets([f"{m.name}: {m.failure}" for m in failed])),
+        page.section("Notes", page.bullets(notes_of_all({m.name: m.notes for m in whole}))),
         reproduce(command, {}, seconds, ()),
     ]
     return write_page(out, "scpjax fleet: diagnosed", body)

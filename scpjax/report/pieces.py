@@ -115,6 +115,15 @@ def parameters_table(parameters: Mapping[str, Estimate]) -> str:
     return page.table(("Parameter", "", "Estimate", "95 % interval", "Unit", "Name"), rows, (2,), tight=(3, 4))
 
 
+def notes_of_all(notes: Mapping[str, Sequence[str]]) -> list[str]:
+    """Notes of many actuators, by name: each sentence once, with those that it is of where these are not all."""
+    by_note: dict[str, list[str]] = {}
+    for name, said in notes.items():
+        for note in dict.fromkeys(said):
+            by_note.setdefault(note, []).append(name)
+    return [n if len(who) == len(notes) > 1 else f"{', '.join(who)}: {n}" for n, who in by_note.items()]
+
+
 def reproduce(command: str, settings: Mapping[str, Any], seconds: float, recordings: Sequence[Recording]) -> str:
     files = [r.metadata.path or r.metadata.name for r in recordings]
     line = page.text("Run again with:") + f"<pre>{escape(command)}</pre>" if command else ""

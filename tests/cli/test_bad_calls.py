@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from scpjax.cli import main
+from scpjax.cli.fleet import find_actuators
+from scpjax.cli.program import staged
 from scpjax.physics import presets
 from scpjax.physics.storage import save_model
 
@@ -229,3 +231,36 @@ def test_inputs_alone_are_enough(folder, capsys):
     assert capsys.readouterr().out == ""
     assert Path("p.csv").read_text().startswith("time_s,temperature_degC\n0,20")
     assert Path("s.csv").read_text().startswith("time_s,voltage_V,temperature_degC,displacement_mm\n")
+
+
+def test_simulate_takes_the_room_that_the_file_tells(folder):
+    """As predict does, and for the preset tm, too."""
+    Path("good.toml").write_text("[environment]\nambient_degC = 30\n")
+    assert main(["simulate", "--model", "model.json", "--input", "good.csv", "--out", "a.csv"]) == 0
+    assert main(["predict", "model.json", "good.csv", "--out", "b.csv"]) == 0
+    a, b = (np.genfromtxt(f, delimiter=",", names=True) for f in ("a.csv", "b.csv"))
+    assert a["temperature_degC"][0] == pytest.approx(30.0)
+    np.testing.assert_allclose(a["temperature_degC"], b["temperature_degC"], atol=1e-3)
+
+
+def test_results_are_staged_where_they_will_be(tmp_path):
+    """On the disk, and with the rights, of the folder that is there: what is beside it may be another's."""
+    out = tmp_path / "there"
+    out.mkdir()
+    (out / "old.txt").write_text("stays")
+    with staged(out) as folder:
+        assert folder.parent == out
+        (folder / "figures").mkdir()
+        (folder / "figures" / "new.txt").write_text("comes")
+    assert sorted(p.relative_to(out).as_posix() for p in out.rglob("*")) == ["figures", "figures/new.txt", "old.txt"]
+    with staged(tmp_path / "new") as folder:
+        assert folder.parent == tmp_path
+
+
+def test_actuators_of_a_glob_keep_names_of_their_own(tmp_path):
+    for name in "abc":
+        (tmp_path / name / "run").mkdir(parents=True)
+        (tmp_path / name / "run" / "step.csv").write_text(rows())
+    found = find_actuators(str(tmp_path / "*" / "run" / "step.csv"), tmp_path / "out")
+    assert sorted(len(f) for f in found.values()) == [1, 1, 1]
+    assert sorted(f[0] for f in found.values()) == [str(tmp_path / n / "run" / "step.csv") for n in "abc"]

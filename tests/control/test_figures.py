@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 from loop_cases import DEG, PLANT, run_jit, signal, thesis_loop
 
+from scpjax.control.analysis import figures, loop_response, open_loop, sensitivity_peak
 from scpjax.control.errors import ControlError
 from scpjax.control.loop import Disturbance, Loop, Response, play
 from scpjax.control.metrics import energy, measure, peak_of, section_error, step_figures
-from scpjax.control.pid import thesis_pair
+from scpjax.control.pid import PID, Pair, thesis_pair
 from scpjax.control.plant import Difference, Joint, against_spring
+from scpjax.physics.catalogue import mechanism
 from scpjax.physics.known import known_model
+from scpjax.physics.model import Model
 from scpjax.physics.presets import aaa, plant
 from scpjax.recordings.thesis import TABLE_4_10, TABLE_4_14
 
@@ -162,3 +165,21 @@ def test_energy_is_the_heat_that_reaches_the_wires():
     single = Loop(Difference(PLANT), thesis_pair().agonist)
     response = run_jit(single, signal("sine", duration=10.0), DT)
     assert measure(response, loop=single).energy == pytest.approx(float(response.effort.sum()) / resistance * DT)
+
+
+def test_a_dead_time_takes_its_phase_from_the_margin():
+    """w T at the crossover; exact in the frequency response, by Pade in python-control's systems."""
+    base = known_model("thesis")
+    delay = 0.3
+    late = Model(base.structure.with_mechanisms(mechanism("input_delay")), ambient=base.ambient)
+    late = late.replace(base.values() | {"input_delay.time": delay})
+    gains = PID.per_degree(0.05, 0.01, 0.02, 5.84)
+    there, quick = (Loop(Difference(m, m, radius=0.015), Pair(gains)) for m in (late, base))
+    omega = jnp.geomspace(0.01, 10.0, 400)
+    exact, plain = loop_response(there, omega), loop_response(quick, omega)
+    np.testing.assert_allclose(exact, plain * np.exp(-1j * np.asarray(omega) * delay), rtol=1e-9)
+    by_pade = np.squeeze(open_loop(there)(1j * np.asarray(omega)))
+    np.testing.assert_allclose(by_pade, exact, rtol=1e-3, atol=1e-6)
+    crossover = float(omega[int(jnp.argmin(jnp.abs(jnp.abs(plain) - 1)))])
+    assert figures(quick).phase_margin - figures(there).phase_margin == pytest.approx(crossover * delay, rel=0.05)
+    assert float(sensitivity_peak(there)) > float(sensitivity_peak(quick)) + 0.01

@@ -10,7 +10,7 @@ from scipy.signal import cont2discrete
 
 from scpjax.control.batch import batched
 from scpjax.control.errors import ControlError
-from scpjax.control.loop import Disturbance, Loop, run
+from scpjax.control.loop import Disturbance, Loop, play, run
 from scpjax.control.pid import PID, Pair, thesis_pair
 from scpjax.control.plant import Difference, Joint
 from scpjax.control.sensor import Sensor
@@ -125,6 +125,34 @@ def test_dead_time_shifts_the_effort():
         share = (delay - 0.1) / 0.02
         wanted = (1 - share) * quick[: 300 - 5][1:] + share * quick[: 300 - 5][:-1]
         np.testing.assert_allclose(slow[6:], wanted, atol=1e-15)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_dead_time_of_many_samples_is_a_delay(known):
+    """Of 75 and of 140 samples, whether it is known when the loop is made or only inside a transformation."""
+    base = known_model("thesis")
+    late = Model(base.structure.with_mechanisms(mechanism("input_delay")), ambient=base.ambient)
+    late = late.replace(base.values() | {"input_delay.time": 0.1})
+    pulse = jnp.zeros(400).at[10].set(1.0)
+    go = lambda m: run(Loop(Difference(m, radius=1e6), PID(1.0, high=100.0)), pulse, dt=0.02).angle  # noqa: E731
+    quick = go(base)
+    for samples in (75, 140):
+        slow = (go if known else jax.jit(go))(late.replace({"input_delay.time": 0.02 * samples}))
+        assert float(jnp.max(jnp.abs(slow))) > 0
+        np.testing.assert_allclose(slow[samples:], quick[:-samples], atol=1e-12)
+
+
+def test_the_temperature_of_a_response_is_that_of_the_heated_part():
+    """A thermometer that lags behind shows less while it warms; what may grow too hot is the part itself."""
+    base = known_model("thesis")
+    model = Model(base.structure.with_mechanisms(mechanism("sensor_lag")), ambient=base.ambient)
+    late = model.replace(base.values() | {"sensor_lag.time_constant": 3.0})
+    step = jnp.full(300, 1.0)
+    pid = PID(10.0, high=13.69)
+    there, plain = (run(Loop(Difference(m, radius=None), pid), step, dt=0.02) for m in (late, base))
+    np.testing.assert_allclose(there.temperature, plain.temperature, rtol=1e-3)
+    seen = play(Difference(late, radius=None), there.effort, dt=0.02)[1]
+    assert float(seen[-1, 0]) < float(there.temperature[-1, 0]) - 5
 
 
 def test_sensor():

@@ -23,12 +23,14 @@ from scpjax.control.objective import (
     StepSpecification,
     Tracking,
 )
-from scpjax.control.pid import PID, Pair, thesis_pair
+from scpjax.control.pid import PID, Pair, check_sampling, thesis_pair
 from scpjax.control.plant import Difference
 from scpjax.control.problem import Problem, gains_of, specification, with_gains
 from scpjax.control.search import Round, SearchOptions, search
 from scpjax.control.tune import TuneOptions, point_at, tune, value_and_gradient, value_at, values_and_gradients
+from scpjax.control.verdict import judge
 from scpjax.recordings.thesis import TABLE_4_18
+from scpjax.report.control import TuningReport, write_tuning
 
 FREE = ("Kp", "Ki", "Kd", "N")
 SINE = signal("sine", 30.0, frequency=0.1, duration=12.0)
@@ -128,6 +130,27 @@ def test_tuning_never_returns_worse():
     outside = with_gains(best, {"Kd": 200.0})  # beyond the bounds, so that no start is the one given
     kept = tune(Problem(Loop(problem.loop.plant, outside), SINE, objective=Objective(Effort())), poor)
     assert kept.value <= kept.before
+
+
+def test_gains_that_blow_up_are_bettered(tmp_path):
+    """N dt = 3: the derivative's filter doubles with every sample until it is no number; any finite loop is better."""
+    reference = signal("sine", duration=60.0)
+    wild = Loop(Difference(PLANT, PLANT, radius=0.015), Pair(PID.per_degree(0.5, 0.12, 0.47, 150.0)))
+    with pytest.raises(ControlError, match=r"N = 150 rad/s .* take N below 100"):
+        check_sampling(wild.controller, 0.02)
+    problem = Problem(wild, reference, dt=0.02)
+    found = tune(problem, TuneOptions(search=SearchOptions(screened=16, rounds=()), walk=None, steps=3))
+    assert not np.isfinite(found.before)
+    assert found.improved
+    assert np.isfinite(found.value)
+    after = Loop(wild.plant, found.controller)
+    responses = tuple(run_jit(x, reference, 0.02) for x in (wild, after))
+    verdict = judge(after, reference, dt=0.02)
+    report = TuningReport(
+        tuned=found, loops=(wild, after), responses=responses, verdict=verdict, objective=problem.objective, command=""
+    )
+    page = write_tuning(report, tmp_path).read_text()
+    assert "<td>RMSE" in page
 
 
 def test_defaults_take_at_most_a_tenth_of_12000_loops():

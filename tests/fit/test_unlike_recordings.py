@@ -12,10 +12,11 @@ from scpjax.errors import FitError
 from scpjax.fit.fit import FitOptions, fit
 from scpjax.fit.fleet import _setups, fit_fleet
 from scpjax.fit.identifiability import uncertainty
-from scpjax.fit.setup import prepare
+from scpjax.fit.setup import UNKNOWN_POWER, prepare
 from scpjax.fit.solve import evaluate, stack
-from scpjax.physics.presets import plant, te
+from scpjax.physics.presets import plant, structure, te
 from scpjax.recordings.excitation import multilevel_random
+from scpjax.recordings.plausible import LOOK
 from scpjax.recordings.recording import Metadata, Recording
 from scpjax.simulate.simulate import simulate
 
@@ -165,3 +166,45 @@ def test_limits_that_leave_no_experiment_are_refused_before_anything_is_sought(m
     ):
         with pytest.raises(FitError, match=said):
             room.diagnose([moved], options=room.DiagnoseOptions(next=limits))
+
+
+def test_identical_actuators_driven_differently_have_the_same_parameters():
+    """Though nothing tells the power: full drive of the whole fleet is called 1 W, not of each."""
+    actuators = [
+        [made(HEATER, 60.0, seed=s, columns=["temperature_degC"], high=v, known=())] for s, v in ((1, 3.0), (2, 5.0))
+    ]
+    found = fit_fleet(actuators, model="te").fits
+    a, b = (f.parameters["newton_cooling.conductance"].value for f in found)
+    assert a == pytest.approx(b, rel=0.02)
+    top = max(float(np.max(r.input("voltage"))) for (r,) in actuators)
+    assert a == pytest.approx(0.06 * 3.0 / top**2, rel=0.02)
+    assert found[0].known == ()  # nobody told the gain
+    assert any(n.startswith(UNKNOWN_POWER) for n in found[0].notes)
+    alone = fit(actuators[0], model="te")
+    assert alone.known == ()
+    assert fit([made(HEATER, 60.0, seed=1, columns=["temperature_degC"])], model="te").known == ("joule_heating.gain",)
+
+
+def test_what_one_toml_tells_of_the_actuator_holds_for_its_other_files():
+    told = made(HEATER, 40.0, seed=1, columns=["temperature_degC"])
+    untold = made(HEATER, 40.0, seed=2, columns=["temperature_degC"], known=())
+    other = made(HEATER, 40.0, seed=3, columns=["temperature_degC"], known=(("resistance_ohm", 4.0),))
+    for both in ([told, untold], [untold, told]):
+        setup = prepare(both, model="te")
+        assert setup.known == ("joule_heating.gain",)
+        assert f"{LOOK}r2 has no [actuator]; that of r1 is taken for it, too" in setup.notes
+    with pytest.raises(FitError, match="differ between recordings"):
+        prepare([told, other], model="te")
+
+
+@pytest.mark.parametrize("ohms", [0.0, -1.0])
+def test_a_resistance_that_is_none_is_refused(ohms):
+    recording = made(HEATER, 40.0, seed=1, columns=["temperature_degC"], known=(("resistance_ohm", ohms),))
+    with pytest.raises(FitError, match=r"resistance_ohm is .*; give a number above 0"):
+        prepare([recording], model="te")
+
+
+def test_the_force_of_a_drive_that_pulls_directly_is_by_its_unit():
+    units = {d: {s.key: s.parameter.unit for s in structure("tm", drive=d).slots} for d in ("voltage", "temperature")}
+    assert units["voltage"]["thermal_actuation.coefficient"] == "N/V²"
+    assert units["temperature"]["thermal_actuation.coefficient"] == "N/K"

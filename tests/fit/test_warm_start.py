@@ -30,13 +30,15 @@ HELD = [
     ("hysteresis", 0, {"strength": 0.5, "width": 0.2}),
     ("hysteresis", 3, {"strength": 0.5, "width": 0.2, "reference_temperature": 60.0}),
     ("friction", 3, {"strength": 0.15, "presliding": 0.02, "static": 0.3, "velocity_time": 300.0}),
+    ("creep", 0, {"compliance": 0.3, "time_constant": 12.0, "reference": 0.04}),
+    ("creep", 4, {"compliance": 0.3, "time_constant": 12.0, "activation": 0.1, "reference": 0.04}),
 ]
 
 
 def holding(name: str, law: int, values: dict[str, float]) -> Model:
     structure = PLANT.structure.with_mechanisms(mechanism(name))
     laws = [float(law) if m.name == name else 0.0 for m in structure.mechanisms]
-    own = {f"{name}.{k}": v for k, v in (values | {"reference": 0.006}).items()}
+    own = {f"{name}.{k}": v for k, v in ({"reference": 0.006} | values).items()}
     return Model(structure, laws=laws).replace(PLANT.values() | own)
 
 
@@ -88,7 +90,7 @@ def test_what_holds_a_joint_pushes_on_both_sides(held):
     joint = aaa(PLANT, pulley_radius=0.015)
     structure = joint.structure.with_mechanisms(mechanism(held[0]))
     laws = [float(held[1]) if m.name == held[0] else 0.0 for m in structure.mechanisms]
-    own = {f"{held[0]}.{k}": v for k, v in (held[2] | {"reference": 0.006}).items()}
+    own = {f"{held[0]}.{k}": v for k, v in ({"reference": 0.006} | held[2]).items()}
     model = Model(structure, laws=laws).replace(joint.values() | own)
     z = model.initial(temperature=jnp.array([30.0, 10.0]), displaced=2e-4)
     effort = model.balances().holding([z[i] for i in range(len(z))], jnp.zeros(2))
@@ -105,6 +107,21 @@ def test_what_the_noise_of_either_sensor_may_make_holds_nothing():
     at = model.structure.state_names.index("hysteresis.internal_stretch")
     assert float(begun(1.0)[at]) == 0.0
     assert abs(float(begun(0.02)[at])) > 0.1
+
+
+def test_what_holds_it_is_asked_before_what_creeps():
+    """One of them answers for where it begins, else the load would be out of balance."""
+    structure = PLANT.structure.with_mechanisms(mechanism("friction"), mechanism("creep"))
+    laws = [2.0 if m.name == "friction" else 0.0 for m in structure.mechanisms]
+    own = {f"friction.{k}": v for k, v in ({"reference": 0.006} | HELD[1][2]).items()}
+    own |= {f"creep.{k}": v for k, v in HELD[5][2].items()}
+    names = presliding, crept = "friction.presliding_stretch", "creep.creep_displacement"
+    for strength, creeps in ((0.15, False), (0.0, True)):
+        model = Model(structure, laws=laws).replace(PLANT.values() | own | {"friction.strength": strength})
+        still, z = model.initial(temperature=20.0), model.initial(temperature=20.0, displaced=1e-5)
+        at = {n: model.structure.state_names.index(n) for n in names}
+        assert (abs(float(z[at[presliding]])) > 0.01) == (not creeps)
+        assert (abs(float(z[at[crept]] - still[at[crept]])) > 5e-6) == creeps
 
 
 def friction_leaves(*recordings: Recording) -> float:

@@ -38,6 +38,18 @@ BROKEN: dict[str, tuple[str | bytes, str, str]] = {
     "nan drive": (table(change={5: "0.5,nan,25.5,0.5"}), "run.csv:line 7", "repair"),
     "nan time": (table(change={5: "nan,3,25.5,0.5"}), "run.csv:line 7", "repair"),
     "time repeats": (table(change={5: "0.4,3,25.5,0.5"}), "run.csv:line 7", "remove"),
+    "index beside time": (
+        "index,time,voltage_V,displacement_mm\n" + "\n".join(f"{k},{k / 10:g},3,{k}" for k in range(12)),
+        "run.csv: header",
+        "rename 'time' to 'time_s'",
+    ),
+    "broken after a note": (
+        "time_s,voltage_V,displacement_mm,note\n"
+        + "\n".join(f'{k},3,{k},"changed\nweight #{k}"' for k in range(9))
+        + "\n8.5,3,warm,-",
+        "run.csv:line 20",
+        "repair",
+    ),
     "time goes back": (table(change={5: "0.1,3,25.5,0.5"}), "run.csv:line 7", "sort"),
     "line after comment": ("# a\n" + table(change={5: "# b\n0.1,3,25.5,0.5"}), "run.csv:line 9", "sort"),
     "kelvin as degC": (table(change={5: "0.5,3,2980,0.5"}), "column temperature_degC", "kelvin"),

@@ -221,3 +221,34 @@ def test_practice(practice_dir):
         recording = read_recording(path)
         assert recording.metadata.ambient_K == pytest.approx(296.15)
         assert recording.metadata.get_known("resistance_ohm") > 0
+
+
+def test_a_quoted_note_may_go_on_in_the_next_line_and_hold_a_hash(tmp_path):
+    """Such a cell is one cell; outside of quotes a hash after a space begins a comment."""
+    notes = {3: '"changed\nthe weight"', 5: '"run #3, warm"', 7: "-  # by hand"}
+    rows = [f"{0.1 * k:.1f},3,{0.5 * k:.1f},{notes.get(k, '-')}" for k in range(12)]
+    path = tmp_path / "a.csv"
+    path.write_text("time_s,voltage_V,displacement_mm,note\n" + "\n".join(rows) + "\n")
+    found = read_recording(path)
+    np.testing.assert_allclose(found.time, 0.1 * np.arange(12))
+    np.testing.assert_allclose(found.output("displacement"), 0.5e-3 * np.arange(12))
+
+
+def test_the_drive_of_tm_is_the_temperature(tmp_path):
+    """By the TOML, or as asked for; though a voltage is there, and also where nothing else is."""
+    both = tmp_path / "both.csv"
+    both.write_text(
+        "time_s,voltage_V,temperature_degC,displacement_mm\n"
+        + "\n".join(f"{k},{k % 3},{20 + k},{0.1 * k:.1f}" for k in range(12))
+    )
+    warm = tmp_path / "warm.csv"
+    warm.write_text("time_s,temperature_degC,displacement_mm\n" + "\n".join(f"{k},{20 + k},{k}" for k in range(12)))
+    for path in (both, warm):
+        found = read_recording(path, model="tm")
+        assert [c.column for c in found.input_channels] == ["temperature_degC"]
+        assert [c.column for c in found.output_channels] == ["displacement_mm"]
+        assert found.hold == "linear"
+    assert [c.column for c in read_recording(both).input_channels] == ["voltage_V"]
+    both.with_suffix(".toml").write_text('model = "tm"\n')
+    assert [c.column for c in read_recording(both).input_channels] == ["temperature_degC"]
+    assert [c.column for c in read_recording(both, drive="voltage_V").input_channels] == ["voltage_V"]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from scpjax.recordings import read_recording
 from scpjax.recordings.plausible import LOOK, doubts, doubts_of_ambient
 from scpjax.recordings.recording import Metadata, Recording
 
@@ -46,3 +47,32 @@ def test_what_is_hardly_meant_is_doubted(changes, words):
 def test_an_ambient_of_no_room_is_doubted(ambient):
     (found,) = doubts_of_ambient("made", ambient)
     assert "ambient_degC in the .toml" in found
+
+
+@pytest.mark.parametrize(
+    ("column", "meant"),
+    [
+        ("Temperature_degC", "temperature_degC"),
+        ("temp_degC", "temperature_degC"),
+        ("temprature_K", "temperature_K"),
+        ("Force_N", "force_N"),
+        ("ambient_degC", ""),
+        ("humidity_pct", ""),
+        ("voltage2_V", ""),
+    ],
+)
+def test_a_column_whose_name_is_nearly_right_is_asked_about(tmp_path, column, meant):
+    path = tmp_path / "a.csv"
+    path.write_text(
+        f"time_s,voltage_V,displacement_mm,{column}\n" + "\n".join(f"{k},{k % 3},{k},{20 + k}" for k in range(12))
+    )
+    said = [d for d in doubts(read_recording(path)) if "is not read" in d]
+    assert len(said) == bool(meant)
+    if meant:
+        assert said[0].endswith(f"the column {column} is not read; is it {meant}?")
+
+
+def test_a_recording_without_times_says_so(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("index,voltage_V,displacement_mm\n" + "\n".join(f"{k},{k % 3},{k}" for k in range(12)))
+    assert any("a sample counts as a second" in d for d in doubts(read_recording(path)))

@@ -163,6 +163,8 @@ def test_what_is_missing_is_drawn_and_what_was_learned_is_not_given_a_name(tmp_p
     )
     _, text = read(write_diagnosis(made, tmp_path, recordings=recordings()))
     assert "Learned, not named: heat" in text
+    assert "extended model" in text  # which is the base model with what was learned
+    assert "→" in text.split("held-out error")[0]  # from what it was without
     assert "heat lost = (0.0012 ± 0.0001) W/(K²) T²" in text
     assert "What is missing, before it is named" in text
     assert "temperature (81 %)" in text

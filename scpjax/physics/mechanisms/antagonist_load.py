@@ -126,6 +126,11 @@ class AntagonistLoad(Mechanism):
     )
     starts = ((0.7, 0.5, 1.0, 0.7, 0.3, 0.0), (2.0, 0.75, 0.2, -0.7, -0.3, 0.0))
 
+    @property
+    def may_need_short_steps(self) -> bool:
+        """A rubber band near its limit, or a weight near its support, is many times as stiff as the spring."""
+        return True
+
     def force(self, p: Values, view: View) -> Side:
         stretch = jnp.maximum(STRETCHED + view.displacement / (p.reference * p.length), SHORTEST)
         rubber = p.length * (_rubber(stretch) - _rubber(STRETCHED)) / _SLOPE

@@ -162,6 +162,7 @@ class Creep(Mechanism):
             fixed=True,
         ),
     )
+    last_to_hold = True
     starts = ((0.3, 1.0, 0.2, 4.0, 0.1, 30.0, 0.2, 0.3, 0.0, 0.0), (0.5, 5.0, 0.3, 4.0, 0.03, 60.0, 0.1, 0.3, 0.0, 0.0))
 
     def _branches(self, p: Values) -> list[tuple[Side, Side]]:
@@ -213,9 +214,16 @@ class Creep(Mechanism):
         return jnp.where(p.law == 4, solved, after.own[0]), *after.own[1:]
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
-        quick, *slow = (compliance for compliance, _ in self._branches(p))
-        immediate = view.displacement / (1 + quick + sum(slow))
-        return (jnp.where(p.law == 4, 0.0, quick * immediate), *(j * immediate for j in slow))
+        """Crept as far as it does at rest; and where it begins beside its equilibrium, that it has crept farther, or
+        less far, up to what the greatest displacement makes it creep: the spring then holds still.
+        """
+        compliances = [compliance for compliance, _ in self._branches(p)]
+        whole = sum(compliances)
+        most = whole * p.reference
+        beside = jnp.clip(view.displaced, -most, most)
+        immediate = (view.displacement - beside) / (1 + whole)
+        quick, *slow = (j * (immediate + beside / jnp.maximum(whole, 1e-12)) for j in compliances)
+        return (jnp.where(p.law == 4, -jnp.tanh(0.5 * beside / (p.activation * p.reference)), quick), *slow)
 
     def _crept(self, p: Values, view: View) -> Side:
         """Displacement [m] that came late.

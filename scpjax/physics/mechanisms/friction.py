@@ -104,6 +104,7 @@ class Friction(Mechanism):
             fixed=True,
         ),
     )
+    holds = True
     starts = ((0.05, 30.0, 0.3, 10.0, 0.03, 0.0), (0.2, 30.0, 0.3, 10.0, 0.1, 0.0))
 
     def force(self, p: Values, view: View) -> Side:

@@ -146,6 +146,7 @@ class Hysteresis(Mechanism):
             fixed=True,
         ),
     )
+    holds = True
     starts = ((0.3, 0.15, 3.0, 1.0, 1.0, 0.6, 0.5, 0.0, 0.0), (2.0, 0.02, 2.0, 1.0, 1.0, 0.4, 0.25, 0.0, 0.0))
 
     def _sigmoid(self, p: Values, view: View) -> tuple[Side, Side]:
