@@ -46,7 +46,7 @@ class Member:
     @property
     def notes(self) -> tuple[str, ...]:
         """What is told beside."""
-        return () if self.content is None else tuple(self.content["notes"])
+        return () if self.content is None else tuple(self.content.get("notes", ()))
 
     @property
     def parameters(self) -> dict[str, Mapping[str, Any]]:

@@ -156,6 +156,13 @@ def estimates(trial: Trial, space: Space, u: Uncertainty) -> dict[str, Estimate]
             low, high = value[i] - reach, value[i] + reach
         p = space.structure.slots[i].parameter
         out[key] = Estimate(
-            float(value[i]), std, p.unit, float(low), float(high), p.description, p.symbol, bool(limit[i])
+            float(value[i]),
+            std,
+            space.structure.unit_of(p),
+            float(low),
+            float(high),
+            p.description,
+            p.symbol,
+            bool(limit[i]),
         )
     return out

@@ -50,7 +50,7 @@ def save_model(model: Model, path: str | os.PathLike[str], *, extra: Mapping[str
             {"name": m.name, "law": m.laws[int(law)], **_where_from(m, path)}
             for m, law in zip(s.mechanisms, np.asarray(model.laws), strict=True)
         ],
-        "parameters": {slot.key: {"value": values[slot.key], "unit": slot.parameter.unit} for slot in s.slots},
+        "parameters": {slot.key: {"value": values[slot.key], "unit": s.unit_of(slot.parameter)} for slot in s.slots},
         "ambient_K": float(model.ambient),
         "extra": dict(extra or {}),
     }
@@ -205,13 +205,13 @@ class _Reader:
                 theta.append(self.finite(slot.parameter.null, slot.key))
                 continue
             if slot.key not in given:
-                unit = "" if slot.parameter.unit == "1" else f" in {slot.parameter.unit}"
+                unit = "" if slot.parameter.unit == "1" else f" in {s.unit_of(slot.parameter)}"
                 mend = f"fit again, if an earlier version wrote the file, or give its value{unit}"
                 self.fail(f"parameter {slot.key!r} is missing", mend)
             row = given[slot.key]
             value, unit = (row.get("value"), row.get("unit")) if isinstance(row, dict) else (row, None)
-            if unit is not None and unit != slot.parameter.unit:
-                self.fail(f"{slot.key} is in {unit!r}", f"give it in {slot.parameter.unit!r}")
+            if unit not in (None, s.unit_of(slot.parameter), slot.parameter.unit):  # the last: of earlier versions
+                self.fail(f"{slot.key} is in {unit!r}", f"give it in {s.unit_of(slot.parameter)!r}")
             theta.append(self.finite(value, slot.key))
         return theta
 

@@ -98,7 +98,7 @@ class Structure:
         """Every parameter, in the order of the parameter vector."""
         slots: list[Slot] = []
         for m in self.mechanisms:
-            for p in map(self._told, m.parameters):
+            for p in m.parameters:
                 key, n = f"{m.name}.{p.name}", len(slots)
                 if key in self.own:
                     slots += [Slot(m.name, p, n + i, recording=r) for i, r in enumerate(self.recordings)]
@@ -107,11 +107,10 @@ class Structure:
                     slots += [Slot(m.name, p, n + i, s) for i, s in enumerate(sides)]
         return tuple(slots)
 
-    def _told(self, p: Parameter) -> Parameter:
-        """A parameter in its unit here: what is by the kelvin is by the unit of the drive where that pulls directly."""
-        if self.thermal or self.system is not None or self.drive == "temperature" or p.fixed:
-            return p
-        return replace(p, unit=p.unit[:-1] + EFFORT_UNITS[self.drive]) if p.unit.endswith("/K") else p
+    def unit_of(self, p: Parameter) -> str:
+        """Unit of a parameter here: what is by the kelvin is by the unit of the drive where that pulls directly."""
+        direct = not (self.thermal or self.system is not None or self.drive == "temperature")
+        return p.unit[:-1] + EFFORT_UNITS[self.drive] if direct and p.unit.endswith("/K") else p.unit
 
     @cached_property
     def index(self) -> dict[str, int]:

@@ -6,6 +6,7 @@ import csv
 import difflib
 import io
 import re
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -162,7 +163,7 @@ def _read_fast(table: Table) -> np.ndarray | None:
 def _read_slow(table: Table, wanted: tuple[str, ...], optional: tuple[str, ...]) -> dict[str, np.ndarray]:
     lines = enumerate(table.body.splitlines(), table.header_line + 1)
     kept = [(number, text) for number, text in lines if _is_data(text)]
-    rows = csv.reader((_without_comment(text) for _, text in kept), delimiter=table.delimiter, skipinitialspace=True)
+    rows = csv.reader(_without_comments(text for _, text in kept), delimiter=table.delimiter, skipinitialspace=True)
     index = [(name, table.names.index(name), name in optional) for name in wanted]
     values: dict[str, list[float]] = {name: [] for name in wanted}
     done = 0
@@ -181,12 +182,14 @@ def _read_slow(table: Table, wanted: tuple[str, ...], optional: tuple[str, ...])
     return {name: np.array(column) for name, column in values.items()}
 
 
-def _without_comment(line: str) -> str:
-    """The line up to a ``#`` after a space, unless that is in quotes."""
-    for found in re.finditer(r"\s#", line):
-        if line[: found.start()].count('"') % 2 == 0:
-            return line[: found.start()]
-    return line
+def _without_comments(lines: Iterable[str]) -> Iterator[str]:
+    """Each line up to a ``#`` after a space, unless that is in quotes; these may have begun in a line before."""
+    quotes = 0
+    for line in lines:
+        starts = (found.start() for found in re.finditer(r"\s#", line))
+        text = line[: next((at for at in starts if (quotes + line[:at].count('"')) % 2 == 0), None)]
+        quotes += text.count('"')
+        yield text
 
 
 def _cell(cell: str, name: str, place: str, delimiter: str, may_miss: bool) -> float:

@@ -94,7 +94,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
 def _held(fit: Fit) -> str:
     if not fit.known:
         return ""
-    units = {s.key: s.parameter.unit for s in fit.model.structure.slots}
+    units = {s.key: fit.model.structure.unit_of(s.parameter) for s in fit.model.structure.slots}
     shown = ", ".join(f"{k} = {number(float(fit.model.value(k)), 4)} {unit(units[k])}".strip() for k in fit.known)
     return page.text(f"Held as known: {shown}.", "small soft")
 

@@ -14,7 +14,7 @@ from scpjax.fit.fleet import _setups, fit_fleet
 from scpjax.fit.identifiability import uncertainty
 from scpjax.fit.setup import UNKNOWN_POWER, prepare
 from scpjax.fit.solve import evaluate, stack
-from scpjax.physics.presets import plant, structure, te
+from scpjax.physics.presets import plant, te
 from scpjax.recordings.excitation import multilevel_random
 from scpjax.recordings.plausible import LOOK
 from scpjax.recordings.recording import Metadata, Recording
@@ -205,6 +205,9 @@ def test_a_resistance_that_is_none_is_refused(ohms):
 
 
 def test_the_force_of_a_drive_that_pulls_directly_is_by_its_unit():
-    units = {d: {s.key: s.parameter.unit for s in structure("tm", drive=d).slots} for d in ("voltage", "temperature")}
-    assert units["voltage"]["thermal_actuation.coefficient"] == "N/V²"
-    assert units["temperature"]["thermal_actuation.coefficient"] == "N/K"
+    recording = made(PULLER, 60.0, seed=1, columns=["displacement_mm"], known=())
+    found = fit([recording], model="tm").parameters
+    assert found["thermal_actuation.coefficient"].unit == "N/V²"
+    assert found["elastic_spring.stiffness"].unit == "N/m"
+    whole = made(PULLER, 60.0, seed=1, columns=["temperature_degC", "displacement_mm"])
+    assert fit([whole]).parameters["thermal_actuation.coefficient"].unit == "N/K"

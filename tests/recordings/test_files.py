@@ -249,6 +249,6 @@ def test_the_drive_of_tm_is_the_temperature(tmp_path):
         assert [c.column for c in found.output_channels] == ["displacement_mm"]
         assert found.hold == "linear"
     assert [c.column for c in read_recording(both).input_channels] == ["voltage_V"]
-    both.with_suffix(".toml").write_text('model = "tm"\n')
+    both.with_suffix(".toml").write_text('[recording]\nmodel = "tm"\n')
     assert [c.column for c in read_recording(both).input_channels] == ["temperature_degC"]
     assert [c.column for c in read_recording(both, drive="voltage_V").input_channels] == ["voltage_V"]

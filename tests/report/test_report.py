@@ -11,6 +11,7 @@ from scpjax.diagnose.fleet import Member
 from scpjax.diagnose.result import FREE, Closure, Latent, Location, Ranked
 from scpjax.physics.storage import load_model
 from scpjax.report.fleet import write_fleet_diagnosis
+from scpjax.report.numbers import number
 from scpjax.report.report import command_line, write_diagnosis
 
 
@@ -164,7 +165,11 @@ def test_what_is_missing_is_drawn_and_what_was_learned_is_not_given_a_name(tmp_p
     _, text = read(write_diagnosis(made, tmp_path, recordings=recordings()))
     assert "Learned, not named: heat" in text
     assert "extended model" in text  # which is the base model with what was learned
-    assert "→" in text.split("held-out error")[0]  # from what it was without
+    before, after = (number(s.held_out["temperature_degC"]["rmse"], 3) for s in (made.base, made.extended))
+    assert before != after
+    facts = text[text.index("Temperature, held-out error") :][:120].split()
+    assert before in facts  # what it was without
+    assert after in facts
     assert "heat lost = (0.0012 ± 0.0001) W/(K²) T²" in text
     assert "What is missing, before it is named" in text
     assert "temperature (81 %)" in text

@@ -20,7 +20,10 @@ class ResistanceTemperature(Mechanism):
         "thesis (3.13): R = R_0 (1 + alpha (T - T_0)); copper alpha = 0.00404 1/K; "
         "curved: Callendar-Van Dusen, IEC 60751 (platinum c = -0.04), nickel c = 0.2"
     )
-    says = "The hot wire has a higher resistance, so the same voltage heats it less."
+    says = (
+        "The hot wire has a higher resistance, so the same voltage heats it less, and the same current more; where a "
+        "voltage heats it more (law current), its resistance falls."
+    )
     needs = ("electric", "thermal")
     excited_by = "steady states at several voltages"
     laws = ("voltage", "current", "voltage, curved", "current, curved")
