@@ -32,7 +32,7 @@ _CHUNK = 12
 _SLOTS = 250  # of the board's table
 _GRID_TICKS = 4
 _SPARE_S = 3.0
-_SUPPLY_OFF = 0.01  # of the square of a supply, by which that of the firmware may differ from the bench's
+_SUPPLY_OFF = 0.1  # of the square of a supply, by which that of the firmware may differ from the bench's
 _UNHEARD_S = 0.5  # after the end, when its event was lost on the line
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from scpjax.bench.play import Followed
 from scpjax.control.controller import Controller
 from scpjax.control.loop import Loop, run
-from scpjax.control.plant import Plant
+from scpjax.control.plant import Plant, check_dead_times
 from scpjax.fit.metrics import mae, nrmse, rmse
 from scpjax.fit.noise import noise_floor
 from scpjax.fit.predict import predict
@@ -101,6 +101,7 @@ def open_loop(model: Model, recording: Recording, extra: Mapping[str, Any] | Non
 def closed_loop(plant: Plant, controller: Controller, followed: Followed) -> Compared:
     """The angle that a pure simulation of the loop says, beside the one that was measured."""
     dt = float(followed.time[1] - followed.time[0])
+    check_dead_times(plant, dt)
     said = jax.jit(lambda loop, r: run(loop, r, dt=dt))(Loop(plant, controller), followed.reference)
     there = np.isfinite(followed.angle)
     measured, simulated = np.degrees(followed.angle)[there], np.degrees(np.asarray(said.angle))[there]

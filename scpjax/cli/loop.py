@@ -17,7 +17,7 @@ from scpjax.control.gains import load_gains
 from scpjax.control.loop import Loop, Response, run
 from scpjax.control.metrics import as_rows, measure
 from scpjax.control.pid import Pair, check_sampling, thesis_pair
-from scpjax.control.plant import Difference, Joint, Plant
+from scpjax.control.plant import Difference, Joint, Plant, check_dead_times
 from scpjax.control.reference import NAMES, Reference, sections
 from scpjax.control.verdict import check_finite, judge
 from scpjax.physics.known import KNOWN_MODELS, known_model
@@ -39,6 +39,7 @@ def run_loop(arguments: Namespace) -> None:
     time, reference = named_reference(arguments, seed=arguments.seed)
     dt = float(time[1] - time[0])
     check_sampling(loop.controller, dt)
+    check_dead_times(plant, dt)
     with progress(arguments) as show:
         if show:
             show("closing the loop", 0.1)

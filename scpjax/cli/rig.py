@@ -104,12 +104,16 @@ def _record_legacy(arguments: Namespace, out: Path) -> None:
         return write_recording(legacy.recording(rows, value=arguments.legacy, supply_V=supply), out)
 
     try:
+        out.parent.mkdir(parents=True, exist_ok=True)
         with open(out.with_suffix(".raw"), "wb", buffering=0) as raw:
             for row in legacy.lines(device, most=most, keep=raw.write):
                 rows.append(row)
     except BaseException as error:
         with contextlib.suppress(BenchError):  # too few lines for a recording: they are in NAME.raw
             written()
+        if isinstance(error, OSError):
+            problem = f"cannot be written ({error.strerror})"
+            raise BenchError(problem, where=str(out.with_suffix(".raw")), mend="check the disk") from error
         if isinstance(error, KeyboardInterrupt):
             raise KeyboardInterrupt(f"what had come is in {out.with_suffix('.raw')}") from error
         raise

@@ -149,7 +149,7 @@ def check_sampling(controller: Controller, dt: float) -> None:
     F' = (1 - N dt) F + ..., which grows from N dt = 2 on. **Raises** `ControlError`.
     """
     for pid in (controller.agonist, controller.antagonist) if isinstance(controller, Pair) else (controller,):
-        if isinstance(pid, PID) and pid.form == "forward_euler" and float(pid.n) * dt >= 2:
+        if isinstance(pid, PID) and pid.form == "forward_euler" and float(pid.kd) != 0 and float(pid.n) * dt >= 2:
             raise ControlError(
                 f"N = {float(pid.n):g} rad/s with a sample every {dt:g} s: the filter of the derivative blows up",
                 mend=f"take N below {2 / dt:g}, a shorter dt, or form = 'tustin'",

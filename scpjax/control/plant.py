@@ -243,13 +243,27 @@ def model_step(model: Model, dt: Array | float, substeps: int = 1) -> ModelStep:
 def _delay_line(model: Model, share: Array | float, dt: Array | float) -> int:
     """Samples that a dead time of ``share`` steps may span: known, or as its bounds and the step allow."""
     seen, step = known(share), known(dt)
-    if seen is not None:
+    if seen is not None and np.all(np.isfinite(seen)):
         return math.ceil(float(np.max(seen))) + 2
     if step is None:
         return _MOST_DELAY
     late = [m for m in model.structure.mechanisms if type(m).delay is not Mechanism.delay]
-    longest = sum(max(p.bounds[1] for p in m.parameters if p.unit == "s") for m in late)
-    return math.ceil(longest / float(np.min(step))) + 2
+    longest = sum(max((p.bounds[1] for p in m.parameters if p.unit == "s"), default=0.0) for m in late)
+    return max(math.ceil(longest / float(np.min(step))) + 2, _MOST_DELAY)
+
+
+def check_dead_times(plant: Plant, dt: float, *, compiled: bool = False) -> None:
+    """Refuse a dead time that is longer than what a step remembers inside a transformation; ``compiled``: where the
+    step is not known there either. **Raises** `ControlError`.
+    """
+    for model in plant.models():
+        seen = known(model.delay())
+        length = _MOST_DELAY if compiled else _delay_line(model, jnp.inf, dt)
+        if seen is not None and float(np.max(seen)) / dt > length - 1:
+            raise ControlError(
+                f"a dead time of {float(np.max(seen)):g} s is more than {length - 1} samples of {dt:g} s",
+                mend=f"take a dt of {float(np.max(seen)) / (length - 2):.2g} s or more",
+            )
 
 
 def _linear(model: Model, dt: Array | float) -> Advance:

@@ -13,12 +13,12 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from scpjax.control.controller import Controller, Scalar, check_number, scalar
+from scpjax.control.controller import Controller, Scalar, check_number, known, scalar
 from scpjax.control.errors import ControlError
 from scpjax.control.loop import Disturbance, Loop, Response, checked, run
 from scpjax.control.objective import Objective, StepSpecification
 from scpjax.control.pid import DEGREE, PID, Pair
-from scpjax.control.plant import Difference, Plant
+from scpjax.control.plant import Difference, Plant, check_dead_times
 from scpjax.control.strategies import FeedforwardPair
 
 BOUNDS: Mapping[str, tuple[float, float]] = {
@@ -61,12 +61,16 @@ class Problem(eqx.Module):
         disturbance: Disturbance | None = None,
         plants: Plant | None = None,
     ):
-        """**Raises** `ControlError` for references that are no finite vectors of one length."""
+        """**Raises** `ControlError` for references that are no finite vectors of one length, and a dead time of more
+        than 63 samples.
+        """
         if isinstance(references, Tracer):
             rows = jnp.atleast_2d(references)
         else:
             given = np.atleast_2d(np.asarray(references, float))
             rows = jnp.stack([checked(r, "the reference") for r in given])
+        if known(dt) is not None:
+            check_dead_times(loop.plant, float(dt), compiled=True)
         self.loop, self.references = loop, rows
         self.dt, self.disturbance, self.plants = jnp.asarray(dt, float), disturbance, plants
         self.objective = Objective() if objective is None else objective

@@ -23,7 +23,8 @@ from scpjax.units import parse_column
 
 _HALVINGS = 5  # of a step of prediction, at most
 _CHANGED = 0.003  # of an output's standard deviation, by which it may change when the steps are halved,
-_RESOLVED = 0.1  # and of the noise of a sample, where that is told
+_RESOLVED = 0.1  # and of the noise of a sample, where that is told,
+_LEAST = 1e-4  # but not of less of its standard deviation, where there is hardly any noise
 _CLEAR = 4.0  # standard deviations from rest beyond which a first sample says that the actuator was not at rest
 _COLDER = 6.0  # of them below the room, beyond which it says that a heated actuator was colder than that
 
@@ -96,7 +97,8 @@ def _resolved(
         substeps *= 2
         coarse, outputs = outputs, outputs_by(Exponential(order=order, substeps=substeps))
         change = np.sqrt(np.mean((outputs - coarse) ** 2, axis=0))
-        if np.all(change <= np.minimum(_CHANGED * np.std(outputs, axis=0), within)):
+        size = np.std(outputs, axis=0)
+        if np.all(change <= np.clip(within, _LEAST * size, _CHANGED * size)):
             break
     return outputs
 

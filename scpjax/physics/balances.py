@@ -268,10 +268,13 @@ class Balances:
         found = -flows[0] / (flows[1] - flows[0])
         return found if self.structure.drive == "gain" else jnp.maximum(found, 0.0)
 
-    def _is_held(self) -> Array:
-        """Whether something that holds an actuator beside its equilibrium is in it, with a strength."""
+    def _unheld(self) -> Array | float:
+        """1 where nothing holds an actuator that begins beside its equilibrium, and it is no weight that is let go."""
+        if not self.structure.thermal:
+            return 0.0
         every = zip(self.structure.mechanisms, self.values, strict=True)
-        return jnp.any(jnp.array([False, *(jnp.any(p.strength > 0) for m, p in every if m.holds)]))
+        held = jnp.array([False, *(jnp.any(jnp.asarray(m.holds(p))) for m, p in every)])
+        return jnp.where(jnp.any(held), 0.0, 1.0)
 
     def _begun(self, own: Array | None) -> list[Array]:
         """States that a system begins in, zero where none are given; none without a system."""
@@ -310,7 +313,7 @@ class Balances:
             def begin(view: View, among: Callable[[Mechanism], bool]) -> list[Array]:
                 for m, p in zip(self.structure.mechanisms, self.values, strict=True):
                     if m.states and among(m):
-                        share = jnp.where(self._is_held(), 0.0, 1.0) if m.last_to_hold else 1.0
+                        share = self._unheld() if m.last_to_hold else 1.0
                         view.displaced = self._signed(jnp.asarray(beside * share, self.dtype))
                         given = begun if m is self.structure.system else m.initial(p, view)
                         states[m.name] = [part for start in given for part in self._each(jnp.asarray(start))]

@@ -83,8 +83,7 @@ class Mechanism(eqx.Module):
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     states: ClassVar[tuple[str, ...]] = ()
     timed: ClassVar[bool] = False  # whether it looks at ``view.time``
-    holds: ClassVar[bool] = False  # whether its strength can hold an actuator beside its equilibrium
-    last_to_hold: ClassVar[bool] = False  # whether it answers for such a start only where nothing that holds is there
+    last_to_hold: ClassVar[bool] = False  # whether it answers for a start beside rest only where nothing `holds` that
     laws: ClassVar[tuple[str, ...]] = ("",)
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {}  # laws that a parameter belongs to, where not to all
     needs: ClassVar[tuple[str, ...]] = ()  # of `scpjax.physics.catalogue.NEEDS`
@@ -199,6 +198,10 @@ class Mechanism(eqx.Module):
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
         """Own states of an actuator that has long been as ``view`` shows it."""
         return ()
+
+    def holds(self, p: Values) -> Side | bool:
+        """Whether it can hold an actuator beside its equilibrium."""
+        return False
 
     def delay(self, p: Values) -> Array | float:
         """Dead time [s] between the recorded drive and what reaches the wire."""

@@ -56,7 +56,7 @@ def doubts(recording: Recording) -> tuple[str, ...]:
             unit = _GREATEST[kind][1]
             out.append(f"{where}: reaches {max(-low, high):.4g} {unit}; is it in thousandths ({c.stem}_m{unit})?")
     for column in r.metadata.unread:
-        meant = _meant(column, [c.stem for c in (*r.input_channels, *r.output_channels)])
+        meant = _meant(column, [c.stem for c in r.input_channels], [c.stem for c in r.output_channels])
         if meant:
             out.append(f"{name}: the column {column} is not read; is it {meant}?")
     if r.metadata.quasi_static:
@@ -64,13 +64,15 @@ def doubts(recording: Recording) -> tuple[str, ...]:
     return tuple(LOOK + text for text in out)
 
 
-def _meant(column: str, there: Sequence[str]) -> str:
+def _meant(column: str, drives: Sequence[str], there: Sequence[str]) -> str:
     """The response that a column which is not read may have been meant as, by its unit and nearly its name."""
     try:
         stem, unit = parse_column(column)
     except ScpjaxError:  # no unit that we know: a column of something else
         return ""
-    stems = [s for s in RESPONSES if STEM_QUANTITY[s.split("_")[0]] == unit.quantity and s not in there]
+    joint = any(d.endswith("agonist") for d in drives)
+    stems = [s for s in RESPONSES if STEM_QUANTITY[s.split("_")[0]] == unit.quantity and s not in (*drives, *there)]
+    stems = [s for s in stems if joint or not s.endswith("agonist")]
     words = {s: s for s in stems} | {_SHORT[s]: s for s in stems if s in _SHORT}
     close = difflib.get_close_matches(stem.lower(), words, n=1, cutoff=0.75)
     return f"{words[close[0]]}_{unit.suffix}" if close and words[close[0]] != stem else ""

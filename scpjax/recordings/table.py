@@ -17,6 +17,9 @@ from scpjax.errors import RecordingError
 CLOCKS = {"time_s": 1.0, "time_ms": 1e-3, "index": 1.0}
 """Columns that give the time, with their scale to seconds; ``index`` only counts samples."""
 
+_A_TIME = re.compile(r"(time|t|timestamp|sec|secs|seconds)([ _(\[]*(s|ms|sec|seconds|millis)[)\]]?)?", re.IGNORECASE)
+"""Names of a column that gives the time, though not as we write it; beside one, ``index`` counts rows."""
+
 MISSING = ("", "nan", "na", "n/a", "null", "none", "-")
 _DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab"}
 
@@ -43,10 +46,11 @@ class Table:
     @property
     def clock(self) -> str:
         """The column that gives the time; ``RecordingError`` where there is none."""
-        close = [name for name in self.names if name.lower().startswith(("time", "t_", "t ", "t(", "sec"))]
         for name in CLOCKS:
-            if name in self.names and not (name == "index" and close):  # of rows, beside a time of another name
+            if name in self.names and not (name == "index" and any(map(_A_TIME.fullmatch, self.names))):
                 return name
+        close = [name for name in self.names if name.lower().startswith(("time", "t_", "t ", "t(", "sec"))]
+        close.sort(key=lambda name: not _A_TIME.fullmatch(name))
         close += difflib.get_close_matches("time_s", self.names, n=1)
         mend = f"rename '{close[0]}' to 'time_s'" if close else "name the column of times in seconds 'time_s'"
         raise RecordingError(

@@ -67,7 +67,7 @@ def test_what_had_come_of_the_thesis_lines_is_on_disk_when_it_is_stopped(tmp_pat
             yield line
 
     monkeypatch.setattr(legacy, "lines", stopped)
-    out = tmp_path / "lines.csv"
+    out = tmp_path / "new" / "lines.csv"
     call = ["rig", "record", "--port", os.ttyname(slave), "--bench", str(tmp_path / "bench.toml")]
     assert main([*call, "--legacy", "distance", "--out", str(out), "--quiet"]) == 130
     writer.join()

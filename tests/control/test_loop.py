@@ -12,7 +12,8 @@ from scpjax.control.batch import batched
 from scpjax.control.errors import ControlError
 from scpjax.control.loop import Disturbance, Loop, play, run
 from scpjax.control.pid import PID, Pair, thesis_pair
-from scpjax.control.plant import Difference, Joint
+from scpjax.control.plant import Difference, Joint, check_dead_times
+from scpjax.control.problem import Problem
 from scpjax.control.sensor import Sensor
 from scpjax.physics.catalogue import mechanism
 from scpjax.physics.known import known_model
@@ -140,6 +141,21 @@ def test_a_dead_time_of_many_samples_is_a_delay(known):
         slow = (go if known else jax.jit(go))(late.replace({"input_delay.time": 0.02 * samples}))
         assert float(jnp.max(jnp.abs(slow))) > 0
         np.testing.assert_allclose(slow[samples:], quick[:-samples], atol=1e-12)
+
+
+def test_a_dead_time_that_a_search_cannot_remember_is_refused():
+    """A transformation that knows neither it nor the step has 64 samples; the plant would be left without a drive."""
+    base = known_model("thesis")
+    late = Model(base.structure.with_mechanisms(mechanism("input_delay")), ambient=base.ambient)
+    late = late.replace(base.values() | {"input_delay.time": 1.5})
+    loop = Loop(Difference(late, late), thesis_pair())
+    reference = signal("sine", duration=10.0)
+    with pytest.raises(ControlError, match=r"a dead time of 1.5 s is more than 63 samples of 0.02 s; .*0.024"):
+        Problem(loop, reference, dt=0.02)
+    assert float(jnp.max(jnp.abs(Problem(loop, reference[::2], dt=0.04).responses(loop.controller).angle))) > 0.01
+    check_dead_times(loop.plant, 0.02)  # where the step is known: as long as its bound
+    with pytest.raises(ControlError, match="a dead time of 5 s"):
+        check_dead_times(Difference(late.replace({"input_delay.time": 5.0})), 0.02)
 
 
 def test_the_temperature_of_a_response_is_that_of_the_heated_part():

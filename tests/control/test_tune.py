@@ -138,6 +138,7 @@ def test_gains_that_blow_up_are_bettered(tmp_path):
     wild = Loop(Difference(PLANT, PLANT, radius=0.015), Pair(PID.per_degree(0.5, 0.12, 0.47, 150.0)))
     with pytest.raises(ControlError, match=r"N = 150 rad/s .* take N below 100"):
         check_sampling(wild.controller, 0.02)
+    check_sampling(Pair(PID.per_degree(0.5, 0.12, 0.0, 150.0)), 0.02)  # no derivative, no filter
     problem = Problem(wild, reference, dt=0.02)
     found = tune(problem, TuneOptions(search=SearchOptions(screened=16, rounds=()), walk=None, steps=3))
     assert not np.isfinite(found.before)

@@ -15,7 +15,7 @@ from scpjax.fit.predict import first_state, predict
 from scpjax.fit.setup import prepare
 from scpjax.physics.catalogue import mechanism
 from scpjax.physics.model import Model
-from scpjax.physics.presets import aaa, plant
+from scpjax.physics.presets import aaa, plant, tm
 from scpjax.recordings.recording import Metadata, Recording
 from scpjax.simulate.simulate import simulate
 
@@ -123,6 +123,15 @@ def test_what_holds_it_is_asked_before_what_creeps():
         assert (abs(float(z[at[crept]] - still[at[crept]])) > 5e-6) == creeps
         if not creeps:
             assert abs(float(z[at[presliding]])) > 0.01
+
+
+def test_a_weight_that_is_let_go_has_not_crept_farther():
+    """Driven directly, what begins beside rest was held there: it is let go, and the spring pulls at once."""
+    weight = tm(coefficient=0.02, stiffness=200.0, damping=5.0, mass=0.1).structure
+    structure = weight.with_mechanisms(mechanism("creep"))
+    model = Model(structure).replace({"creep.compliance": 0.3, "creep.time_constant": 12.0, "creep.reference": 0.04})
+    z = model.initial(displaced=0.01)
+    assert float(z[structure.state_names.index("creep.creep_displacement")]) == pytest.approx(0.01 * 0.3 / 1.3)
 
 
 def friction_leaves(*recordings: Recording) -> float:

@@ -234,6 +234,13 @@ def test_a_quoted_note_may_go_on_in_the_next_line_and_hold_a_hash(tmp_path):
     np.testing.assert_allclose(found.output("displacement"), 0.5e-3 * np.arange(12))
 
 
+@pytest.mark.parametrize("column", ["T_amb_degC", "second_temperature_degC", "time_constant_s"])
+def test_an_index_stays_the_clock_beside_what_is_no_time(tmp_path, column):
+    path = tmp_path / "a.csv"
+    path.write_text(f"index,voltage_V,displacement_mm,{column}\n" + "\n".join(f"{k},{k % 3},{k},20" for k in range(12)))
+    assert read_recording(path).metadata.quasi_static
+
+
 def test_the_drive_of_tm_is_the_temperature(tmp_path):
     """By the TOML, or as asked for; though a voltage is there, and also where nothing else is."""
     both = tmp_path / "both.csv"

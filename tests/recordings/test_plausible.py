@@ -58,6 +58,7 @@ def test_an_ambient_of_no_room_is_doubted(ambient):
         ("Force_N", "force_N"),
         ("ambient_degC", ""),
         ("humidity_pct", ""),
+        ("temperature_ambient_degC", ""),
         ("voltage2_V", ""),
     ],
 )

@@ -104,7 +104,6 @@ class Friction(Mechanism):
             fixed=True,
         ),
     )
-    holds = True
     starts = ((0.05, 30.0, 0.3, 10.0, 0.03, 0.0), (0.2, 30.0, 0.3, 10.0, 0.1, 0.0))
 
     def force(self, p: Values, view: View) -> Side:
@@ -120,6 +119,9 @@ class Friction(Mechanism):
         gives = (p.law > 1) & (p.strength > 0)
         stretched = jnp.clip(view.own[0] / slips, -OVER * most, OVER * most)
         return (jnp.where(gives, rate - jnp.abs(rate) * stretched, 0.0),)
+
+    def holds(self, p: Values) -> Side:
+        return p.strength > 0
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
         """What holds it beside its equilibrium, if it begins there (laws Dahl and LuGre)."""

@@ -146,7 +146,6 @@ class Hysteresis(Mechanism):
             fixed=True,
         ),
     )
-    holds = True
     starts = ((0.3, 0.15, 3.0, 1.0, 1.0, 0.6, 0.5, 0.0, 0.0), (2.0, 0.02, 2.0, 1.0, 1.0, 0.4, 0.25, 0.0, 0.0))
 
     def _sigmoid(self, p: Values, view: View) -> tuple[Side, Side]:
@@ -191,6 +190,9 @@ class Hysteresis(Mechanism):
             narrower = rate / share * (1.0 - eighth * jnp.where(rate * z > 0, 1.0, 0.0))
             out.append(jnp.where(there & plays, narrower, 0.0))
         return tuple(out)
+
+    def holds(self, p: Values) -> Side:
+        return (p.strength > 0) & (p.law != PREISACH)
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
         """What holds it beside its equilibrium, if it begins there: F = k displaced."""
