@@ -36,8 +36,7 @@ class Table:
 
     def line(self, row: int) -> int:
         """The number in the file (from 1) of the line that holds data row ``row`` (from 0)."""
-        lines = (i for i, text in enumerate(self.body.splitlines(), self.header_line + 1) if _is_data(text))
-        return next((i for k, i in enumerate(lines) if k == row), self.header_line)
+        return next((line for k, (line, _) in enumerate(_rows(self)) if k == row), self.header_line)
 
     def place(self, row: int) -> str:
         """``FILE:line N`` of data row ``row``."""
@@ -165,14 +164,10 @@ def _read_fast(table: Table) -> np.ndarray | None:
 
 
 def _read_slow(table: Table, wanted: tuple[str, ...], optional: tuple[str, ...]) -> dict[str, np.ndarray]:
-    lines = enumerate(table.body.splitlines(), table.header_line + 1)
-    kept = [(number, text) for number, text in lines if _is_data(text)]
-    rows = csv.reader(_without_comments(text for _, text in kept), delimiter=table.delimiter, skipinitialspace=True)
     index = [(name, table.names.index(name), name in optional) for name in wanted]
     values: dict[str, list[float]] = {name: [] for name in wanted}
-    done = 0
-    for row in rows:  # of more than one line where a quoted cell goes on in the next
-        place, done = f"{table.where}:line {kept[done][0]}", rows.line_num
+    for line, row in _rows(table):
+        place = f"{table.where}:line {line}"
         if len(row) == len(table.names) + 1 and not row[-1].strip():
             row = row[:-1]  # a delimiter at the end of the line
         if len(row) != len(table.names):
@@ -184,6 +179,17 @@ def _read_slow(table: Table, wanted: tuple[str, ...], optional: tuple[str, ...])
         for name, column, may_miss in index:
             values[name].append(_cell(row[column], name, place, table.delimiter, may_miss))
     return {name: np.array(column) for name, column in values.items()}
+
+
+def _rows(table: Table) -> Iterator[tuple[int, list[str]]]:
+    """Data rows, each with the line (from 1) that it begins in; a quoted cell may go on in the next."""
+    lines = enumerate(table.body.splitlines(), table.header_line + 1)
+    kept = [(number, text) for number, text in lines if _is_data(text)]
+    rows = csv.reader(_without_comments(text for _, text in kept), delimiter=table.delimiter, skipinitialspace=True)
+    done = 0
+    for row in rows:
+        yield kept[done][0], row
+        done = rows.line_num
 
 
 def _without_comments(lines: Iterable[str]) -> Iterator[str]:

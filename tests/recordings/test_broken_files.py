@@ -50,6 +50,13 @@ BROKEN: dict[str, tuple[str | bytes, str, str]] = {
         "run.csv:line 20",
         "repair",
     ),
+    "time goes back after a note": (
+        'time_s,voltage_V,displacement_mm,note\n0,3,0,"a\nb"\n'
+        + "\n".join(f"{k},3,{k},-" for k in range(1, 9))
+        + "\n7.5,3,9,-",
+        "run.csv:line 12",
+        "sort",
+    ),
     "time goes back": (table(change={5: "0.1,3,25.5,0.5"}), "run.csv:line 7", "sort"),
     "line after comment": ("# a\n" + table(change={5: "# b\n0.1,3,25.5,0.5"}), "run.csv:line 9", "sort"),
     "kelvin as degC": (table(change={5: "0.5,3,2980,0.5"}), "column temperature_degC", "kelvin"),
