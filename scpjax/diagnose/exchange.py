@@ -11,13 +11,13 @@ import numpy as np
 from scpjax.abreast import abreast
 from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.doubtful import strained
-from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, ahead, are_equal, is_better
+from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, are_equal, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, moving
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.pruning import prune
 from scpjax.diagnose.remainder import FAR, at_noise
-from scpjax.diagnose.result import CLEARLY, Ranked
+from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.screen import Promise, fresh, screen
 from scpjax.diagnose.trials import afresh, in_order, under_every_law, without
@@ -123,7 +123,6 @@ def _each_exchanged(
         best = name
         for other, after in found.items():
             simpler = moving(after) < moving(found[best]) and alike(after, found[best])
-            simpler = simpler and ahead(found[best], after, split, rules) < CLEARLY  # not excused by its form alone
             if other != best and (simpler or is_better(after, found[best], split, rules)):
                 best = other
         equal = [o for o, s in found.items() if o != best and alike(s, found[best])]
