@@ -39,8 +39,9 @@ def exchanged(
     Away from the noise no name is asked for out of ``patience``, unless they are near it: what they then are told as
     may hang on what is as good in their place.
 
-    Away from the noise, or where a parameter stands at its limit, every name is asked for its law again first, where
-    all stand and beside the rest without it, and once more where that has changed.
+    Where they do not reach the noise, or a parameter stands at its limit, every name is asked for its law again first,
+    where all stand, as it was chosen before the rest was known; away from it also beside the rest without it, and once
+    more where that has changed.
     """
     if choice.settled or len(choice.state.names) < 2:
         return choice
@@ -59,17 +60,19 @@ def exchanged(
 
 
 def _laws_again(state: State, split: Split, rules: Evidence, patience: Patience) -> State:
-    """Every name under the law that does best beside the others, from where they stand, as long as something changes
-    and they are away from the noise or one asks for more than its law allows: the law of another may be wrong then.
-    Each is asked once though a search has run out of patience, in a hurry then: that often is all that is amiss.
+    """Every name under the law that does best beside the others, from where they stand, where they are not at the
+    noise; as long as something changes, where they are away from it or one asks for more than its law allows: the law
+    of another may be wrong then. Each is asked once though a search has run out of patience, as that often is all that
+    is amiss; in a hurry then, and near the noise.
     """
     in_a_hurry = partial(under_every_law, hurried=True)
     for turn in range(_PASSES):
         before = state
         for name in state.names:
-            if not (_is_far(state, split) or strained(state)) or (turn and patience.over()):
+            amiss = _is_far(state, split) or strained(state)
+            if (at_noise(state, split) and not amiss) or (turn and (not amiss or patience.over())):
                 return state
-            other = (in_a_hurry if patience.over() else under_every_law)(state, name, split)
+            other = (under_every_law if amiss and not patience.over() else in_a_hurry)(state, name, split)
             if is_better(other, state, split, rules):
                 state = other
         if state is before:

@@ -24,7 +24,9 @@ _UNSTABLE = (
     "what was found fits by the errors of steps as long as a sample: by shorter ones its predictions blow up. It is "
     "told as it was found; do not rely on its parameters, and record at a higher rate"
 )
-_FARTHER = 1.5  # ratio of misfits, from which a fit to coloured residuals is off
+_FARTHER = 1.05
+"""Ratio of RMS misfits, from which a fit to coloured residuals is off: of a model that is right, such a fit misses the
+samples by its parameters' errors more, which are a small part of the noise."""
 
 
 def resolved(state: State, parts: Split) -> tuple[Split, State, tuple[str, ...]]:

@@ -85,7 +85,7 @@ def swaps(monkeypatch):
 
 @pytest.mark.parametrize(("square", "tried"), [(1.5, True), (1.8, False)])
 def test_out_of_patience_names_near_the_noise_are_exchanged(swaps, monkeypatch, square, tried):
-    monkeypatch.setattr(exchange, "at_noise", lambda s, split, level: square < level)
+    monkeypatch.setattr(exchange, "at_noise", lambda s, split, level=1.05: square < level)
     exchanged(chosen(("a", "e"), 100.0), None, None, Evidence(), CATALOGUE, Patience(0.0))  # type: ignore[arg-type]
     assert bool(swaps.tried) == tried
 
@@ -169,6 +169,22 @@ def test_out_of_patience_every_name_is_still_asked_for_its_law_once(swaps, monke
     assert found.state.cost == 80.0
     assert swaps.tried == []
     assert patience.ended
+
+
+@pytest.mark.parametrize(("reached", "asked"), [(1.02, []), (1.2, ["a", "e"])], ids=["at the noise", "near it"])
+def test_names_that_do_not_quite_reach_the_noise_are_asked_for_their_laws_once(swaps, monkeypatch, reached, asked):
+    """Mean square 1.2 is near the noise (1.15 squared) and not at it: laws chosen beside a missing name may be why."""
+    monkeypatch.setattr(exchange, "at_noise", lambda s, split, within=1.05: reached < within)
+    found = []
+
+    def under_every_law(s, name, _, *, hurried):
+        assert hurried
+        found.append(name)
+        return again(s, s.cost - 1.0)
+
+    monkeypatch.setattr(exchange, "under_every_law", under_every_law)
+    exchanged(chosen(("a", "e"), 100.0), None, None, Evidence(), CATALOGUE)  # type: ignore[arg-type]
+    assert found == asked
 
 
 @pytest.mark.parametrize("hurried", [False, True])
