@@ -9,10 +9,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from fits.concealed.effects.foreign import HELD
 from fits.concealed.effects.registry import CATALOGUE, OUTSIDE
 from fits.concealed.score import GOOD, HARMLESS, Score
 
 SEEN = ("moderate", "strong")
+NEAR = 1.15  # of the noise: what files kept back may be predicted with
 BINS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
 
 
@@ -62,6 +64,16 @@ class Goal:
         return max(0.0, (middle - half) / (1 + z * z / n)), min(1.0, (middle + half) / (1 + z * z / n))
 
 
+def named_and_judged(s: Score) -> bool:
+    """Whether a case was named right and has files that were kept back."""
+    return s.sort in ("single", "foreign", "pair", "triple") and s.outcome in GOOD and math.isfinite(s.kept)
+
+
+def is_held(s: Score) -> bool:
+    """Whether a case is of a law that was foreign when it was chosen, and is the library's by now."""
+    return s.sort == "foreign" and any(f"-{effect}:{law}-" in s.label for effect, law in HELD)
+
+
 def goals(scores: Sequence[Score]) -> list[Goal]:
     """What the project asks of itself, in order."""
 
@@ -71,9 +83,6 @@ def goals(scores: Sequence[Score]) -> list[Goal]:
 
     def good(s: Score) -> bool:
         return s.outcome in GOOD
-
-    def named_and_judged(s: Score) -> bool:
-        return s.sort in ("single", "foreign", "pair", "triple") and good(s) and math.isfinite(s.kept)
 
     def seen(sort: str) -> Callable[[Score], bool]:
         return lambda s: s.sort == sort and s.tier in SEEN
@@ -86,7 +95,12 @@ def goals(scores: Sequence[Score]) -> list[Goal]:
             lambda s: s.sort == "single" and s.tier == "weak",
             lambda s: s.outcome in HARMLESS,
         ),
-        one("single effects under foreign laws, moderate or strong: named, nothing else", 0.90, seen("foreign"), good),
+        one(
+            "single effects under foreign laws, moderate or strong: named, nothing else",
+            0.90,
+            lambda s: s.sort == "foreign" and s.tier in SEEN and not is_held(s),
+            good,
+        ),
         one("pairs: both named, nothing else", 0.90, seen("pair"), good),
         one("triples: all three named, nothing else", 0.75, seen("triple"), good),
         one(
@@ -103,7 +117,7 @@ def goals(scores: Sequence[Score]) -> list[Goal]:
             lambda s: s.outcome not in ("false name", "failed"),
         ),
         one("outside the catalogue: placed in the right balance", 0.90, seen("outside"), lambda s: s.placed),
-        one("named right: kept files within 1.15 of the noise", 0.95, named_and_judged, lambda s: s.kept <= 1.15),
+        one("named right: kept files within 1.15 of the noise", 0.95, named_and_judged, lambda s: s.kept <= NEAR),
     ]
 
 

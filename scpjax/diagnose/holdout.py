@@ -8,6 +8,8 @@ import numpy as np
 
 from scpjax.fit.data import Data
 
+_MOST = 0.5  # of a recording's samples
+
 
 @dataclass(frozen=True)
 class Split:
@@ -25,7 +27,9 @@ class Split:
 
 
 def split(data: Data, fractions: tuple[tuple[float, float], ...] = ((0.25, 0.35), (0.6, 0.7), (0.9, 1.0))) -> Split:
-    """Stretches of every recording, on whole bins, kept out of fitting; the simulation runs through them."""
+    """Stretches of every recording, on whole bins, kept out of fitting; the simulation runs through them. None of one
+    so short that whole bins would be most of it.
+    """
     weights = np.asarray(data.weights)
     held = np.zeros(weights.shape, bool)
     at = np.asarray(data.grids.at)
@@ -38,6 +42,8 @@ def split(data: Data, fractions: tuple[tuple[float, float], ...] = ((0.25, 0.35)
             inside = (at[i] >= low) & (at[i] < high)
             inside[seen[-1] + 1 :] = False
             held[i, inside] = True
+        if np.mean(held[i, seen]) > _MOST:
+            held[i] = False
     return _split(data, held)
 
 

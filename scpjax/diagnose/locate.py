@@ -12,7 +12,7 @@ from scpjax.diagnose.residual import independence, whiteness
 from scpjax.diagnose.result import Latent, Location, Window
 from scpjax.fit.data import Data
 from scpjax.fit.problem import Trial
-from scpjax.fit.setup import Setup
+from scpjax.fit.setup import Setup, names_of
 from scpjax.fit.solve import outputs_of
 
 
@@ -117,16 +117,16 @@ def _windows(
     if total <= 0:
         return ()
     found.sort(key=lambda f: -f[0])
+    names = names_of(setup.recordings)
     out, so_far = [], 0.0
     for share, i, start, end in found:
         if so_far >= 0.6 * total or len(out) >= 8:
             break
         so_far += share
-        name = setup.recordings[i].metadata.name or f"recording {i}"
         start_s = float(setup.recordings[i].time[0])
         out.append(
             Window(
-                name,
+                names[i],
                 round(start_s + float(start), 4),
                 round(start_s + float(end), 4),
                 round(float(share / total), 4),

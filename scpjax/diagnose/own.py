@@ -142,7 +142,9 @@ class _Felt:
         gap = max(bins // _KNOTS, 1)
         count = -(-bins // gap) + 1
         self.knots = [np.arange(count) * gap * float(w) for w in misfit.widths]
-        self.spans = [float(w) * (np.flatnonzero(t)[-1] + 1) for w, t in zip(misfit.widths, there, strict=True)]
+        self.spans = [
+            float(w) * (np.flatnonzero(t).max(initial=0) + 1) for w, t in zip(misfit.widths, there, strict=True)
+        ]
         heats = [place for place in misfit.places if place.startswith("heat")]  # of a joint, one for each side
         felt = np.sum([misfit.responses(place, [hats(bins, gap, count)] * len(self.knots)) for place in heats], axis=0)
         self._gram, self._along = felt.T @ felt, felt.T @ misfit.target

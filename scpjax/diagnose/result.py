@@ -235,6 +235,8 @@ class Diagnosis:
                     "by_recording": list(m.by_recording),
                     "references": {k: {"value": r.value, "unit": r.unit} for k, r in m.references.items()},
                     "says": m.says,
+                    "equation": m.equation,
+                    "source": m.source,
                 }
                 for m in self.mechanisms
             ],

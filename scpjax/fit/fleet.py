@@ -13,7 +13,7 @@ import numpy as np
 
 from scpjax.errors import FitError, ScpjaxError
 from scpjax.fit.data import Data
-from scpjax.fit.fit import FitOptions, final_model, noise_by_column, scores, traces
+from scpjax.fit.fit import FitOptions, final_model, noise_by_column, refine, scores, settle, traces
 from scpjax.fit.identifiability import estimates, uncertainty
 from scpjax.fit.problem import Space, Trial
 from scpjax.fit.result import Fit
@@ -55,6 +55,7 @@ def fit_fleet(
     with_traces: bool = False,
 ) -> Fleet:
     """Fit every actuator of a fleet, each from its own recordings and starts, ``chunk`` of them in one compiled call.
+    Those with wild samples, or whose drive changed in a gap, are then fitted once more without them, one by one.
 
     An actuator whose recordings cannot be fitted does not stop the others: its place holds the reason.
 
@@ -175,22 +176,26 @@ def _solve(setups: list[Setup], options: FitOptions, with_traces: bool) -> list[
         if trial is None:
             out.append(f"{s.recordings[0].metadata.name}: no start led to a finite simulation; check units")
             continue
-        doubt = uncertainty(trial, s.data, s.space, at=there[i])
+        trial, data, notes = settle(s, trial, s.data, drop_outliers=options.drop_outliers, robust=options.robust)
+        if data is not s.data:
+            trial, converged[i], cost[i] = refine(s, data, trial, max_steps=options.max_steps, robust=options.robust)
+            there[i] = None
+        doubt = uncertainty(trial, data, s.space, at=there[i])
         out.append(
             Fit(
                 model=final_model(s, trial),
                 parameters=estimates(trial, s.space, doubt),
                 known=s.known,
-                scores=scores(s, s.data, trial, np.asarray(s.data.weights)),
+                scores=scores(s, data, trial, np.asarray(data.weights)),
                 noise=noise_by_column(s),
                 rank=doubt.rank,
                 n_free=sum(not k.startswith("recording_") for k in doubt.keys),
                 not_identifiable=doubt.open_directions,
                 converged=bool(converged[i]),
-                notes=s.notes,
-                traces=traces(s, s.data, trial, trial, None) if with_traces else (),
+                notes=s.notes + notes,
+                traces=traces(s, data, trial, trial, None) if with_traces else (),
                 cost=float(cost[i]),
-                n_data=s.data.used_bins,
+                n_data=data.used_bins,
                 seconds=share,
             )
         )

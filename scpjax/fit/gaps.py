@@ -89,6 +89,8 @@ def find_gaps(data: Data) -> tuple[Gap, ...]:
     effort, at, fraction = (np.asarray(x) for x in (data.grids.effort, data.grids.at, data.grids.fraction))
     seen = np.asarray(data.weights).sum(axis=2) > 0
     for i in range(effort.shape[0]):
+        if not seen[i].any():  # it only makes up the number
+            continue
         nodes = at[i][: np.flatnonzero(seen[i])[-1] + 1]
         if np.any(fraction[i] > 0):
             continue  # stamps off the grid: not a clock that skips
@@ -244,6 +246,7 @@ def improve(data: Data, gaps: tuple[Gap, ...], shares: np.ndarray, trial: Trial,
         efforts[place + 1] = fill(np.asarray(data.grids.effort), gaps, moved)
     answers = np.asarray(_responses(jnp.asarray(efforts), trial, data, space))
     columns = np.asarray(_parameter_columns(trial, data, space))
+    columns = columns[..., np.all(np.isfinite(columns), axis=(0, 1, 2))]
     whiten = _whitener(answers[0], np.isfinite(np.asarray(data.norm)))
     parameters = [whiten(columns[..., j]).ravel() for j in range(columns.shape[-1])]
     changes = []

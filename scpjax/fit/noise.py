@@ -15,6 +15,7 @@ from scpjax.recordings.recording import Recording
 _TOP = 0.85  # of the spectrum, above which a signal has least of itself
 _SAMPLES = 512  # from which there is enough of it
 _SPREAD = 0.9  # relative standard deviation of its estimate, times the root of the number of lines
+_FINEST = 1e-5  # of its range, that any reading is off by
 _CLEARLY = 3.0  # of its standard deviations, that it has to be below the other to be believed instead
 
 
@@ -32,16 +33,18 @@ def noise_of(recordings: Sequence[Recording], structure: Structure) -> np.ndarra
     """Noise standard deviation of every output of the model, SI, over all recordings together.
 
     From third differences, which suit slow signals and are the surer; where that is clearly below, from the top of the
-    spectrum, which has less of a fast signal.
+    spectrum, which has less of a fast signal. Simulated readings may have none: at least 1e-5 of the output's range.
     """
     seen: list[list[_Seen]] = [[] for _ in structure.outputs]
+    ranges = np.zeros(len(structure.outputs))
     for r in recordings:
         for j, stem in columns(structure, r):
             there = np.flatnonzero(r.weight(stem) > 0)
             inner = slice(there[0], there[-1] + 1) if there.size else slice(None)
+            ranges[j] = max(ranges[j], float(np.ptp(r.output(stem)[there]))) if there.size else ranges[j]
             seen[j].append(_look(r.output(stem)[inner], r.weight(stem)[inner], uniform=r.is_uniform))
     sigma = np.array([_pooled(s) if s else 1.0 for s in seen])
-    return np.where(sigma > 0, sigma, 1e-9)
+    return np.maximum(np.where(sigma > 0, sigma, 1e-9), _FINEST * ranges)
 
 
 def noise_floor(signal: np.ndarray, weights: np.ndarray | None = None, *, uniform: bool = True) -> float:

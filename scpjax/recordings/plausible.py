@@ -59,6 +59,10 @@ def doubts(recording: Recording) -> tuple[str, ...]:
         meant = _meant(column, [c.stem for c in r.input_channels], [c.stem for c in r.output_channels])
         if meant:
             out.append(f"{name}: the column {column} is not read; is it {meant}?")
+        elif column.startswith("ambient_"):
+            out.append(
+                f"{name}: the column {column} is not read; give the room's temperature as ambient_degC in the .toml"
+            )
     if r.metadata.quasi_static:
         out.append(f"{name}: no time was recorded, so a sample counts as a second; add a column time_s if there is one")
     return tuple(LOOK + text for text in out)

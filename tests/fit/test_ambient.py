@@ -32,6 +32,29 @@ def test_it_is_where_the_thermometer_began_within_the_error_it_is_taken_to_have(
     assert np.std(found) < (0.2 if driven else 0.1)
 
 
+def test_a_wild_first_reading_is_none_of_it():
+    """85 degC is what a DS18B20 says until it has measured."""
+    warm = recorded(22.0, driven=True)
+    read = np.array(warm.outputs)
+    for wild in (358.15, 273.15):
+        read[0] = wild
+        assert ambients([warm.with_outputs(read)], STRUCTURE, SIGMA)[0][0] == pytest.approx(295.15, abs=0.8)
+
+
+@pytest.mark.parametrize("late", [3, 80])
+def test_a_thermometer_that_begins_late_is_led_back_or_told_of(late):
+    """80 samples, 8 s, after the drive came on, half of what it warms by has gone by: the others' room is taken."""
+    driven = recorded(22.0, driven=True)
+    weights = np.ones((len(TIME), 1))
+    weights[:late] = 0.0
+    found, notes = ambients([driven.with_weights(weights), recorded(23.0, driven=False)], STRUCTURE, SIGMA)
+    if late == 3:
+        assert found[0] == pytest.approx(295.15, abs=1.5)  # 2 K have gone by; 0.5 K is what leading back may err
+    else:
+        assert found[0] == found[1]
+        assert "begins too late to tell" in notes[-1]
+
+
 def test_beginnings_alike_are_one_ambient_and_others_are_their_own():
     alike = [recorded(22.0, driven=k % 2 == 1, seed=k) for k in range(4)]
     found, notes = ambients(alike, STRUCTURE, SIGMA)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from scpjax.fit.fit import best_start, fit, refine, settle
+from scpjax.fit.fleet import fit_fleet
 from scpjax.fit.gaps import Gap, bridged, fill, find_gaps, improve, slopes_at
 from scpjax.fit.predict import predict
 from scpjax.fit.setup import prepare
@@ -64,6 +65,26 @@ def test_settling_times_them_and_finds_what_the_heater_is(jumping):
     for key, true in (("newton_cooling.conductance", 0.06), ("newton_cooling.thermal_mass", 0.26)):
         value = float(found.model.value(key))
         assert abs(value - true) < 0.005 * true
+
+
+def test_an_actuator_of_a_fleet_is_settled_as_one_alone_is(jumping):
+    """Jumps in gaps are timed and a wild sample is left out; not for the other one, which has a recording more."""
+    (recording,) = jumping.recordings
+    read = np.array(recording.outputs)
+    read[700] += 40 * NOISE
+    steady = recorded(np.where(TICKS // 100 % 2, 2.5, 0.0), [])
+    one, two = fit_fleet([[recording.with_outputs(read)], [steady, steady.with_outputs(steady.outputs + 0.0)]]).fits
+    assert not isinstance(one, str)
+    assert not isinstance(two, str)
+    told = [n for n in one.notes if "gaps" in n or "wild" in n]
+    assert len(told) == 2
+    assert "6 gaps" in told[0]
+    assert told[1].startswith("1 isolated")
+    assert not [n for n in two.notes if "gaps" in n or "wild" in n]
+    alone = fit([recording.with_outputs(read)])
+    for key, true in (("newton_cooling.conductance", 0.06), ("newton_cooling.thermal_mass", 0.26)):
+        assert abs(float(one.model.value(key)) - true) < 0.005 * true
+        np.testing.assert_allclose(float(one.model.value(key)), float(alone.model.value(key)), rtol=1e-3)
 
 
 @pytest.mark.parametrize("shape", ["sweep", "jumps"])

@@ -119,3 +119,18 @@ def test_what_is_not_finite_is_refused():
     value, _, half = fitted(lambda x: jnp.where(x > 0, jnp.log(x), 1e7), [30.0])
     np.testing.assert_allclose(value, [1.0], atol=1e-6)
     assert half < 1e-10
+
+
+def test_a_residual_without_a_finite_derivative_does_not_end_the_fit():
+    """sqrt has none at 0, where it begins, nor then by any other parameter; there the Jacobian is 0."""
+
+    def residual(x):
+        return jnp.array([x[0] - 3.0, x[1] + 2.0, 1.0 + jnp.sqrt(jnp.abs(x[2]))])
+
+    def both(x, args):
+        return residual(x), jax.jacfwd(residual)(x)
+
+    solver = Marquardt(tolerance=1e-12, limit=100)
+    found = optx.least_squares(both, solver, jnp.array([0.0, 0.0, 0.0]), has_aux=True, max_steps=400, throw=False)
+    np.testing.assert_allclose(found.value, [3.0, -2.0, 0.0], atol=1e-6)
+    np.testing.assert_array_equal(found.aux, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])

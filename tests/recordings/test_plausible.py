@@ -56,7 +56,6 @@ def test_an_ambient_of_no_room_is_doubted(ambient):
         ("temp_degC", "temperature_degC"),
         ("temprature_K", "temperature_K"),
         ("Force_N", "force_N"),
-        ("ambient_degC", ""),
         ("humidity_pct", ""),
         ("temperature_ambient_degC", ""),
         ("voltage2_V", ""),
@@ -71,6 +70,17 @@ def test_a_column_whose_name_is_nearly_right_is_asked_about(tmp_path, column, me
     assert len(said) == bool(meant)
     if meant:
         assert said[0].endswith(f"the column {column} is not read; is it {meant}?")
+
+
+def test_a_column_of_the_room_is_asked_for_in_the_toml(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(
+        "time_s,voltage_V,displacement_mm,ambient_degC\n" + "\n".join(f"{k},{k % 3},{k},21" for k in range(9))
+    )
+    said = [d for d in doubts(read_recording(path)) if "is not read" in d]
+    assert said == [
+        f"{LOOK}a: the column ambient_degC is not read; give the room's temperature as ambient_degC in the .toml"
+    ]
 
 
 def test_a_recording_without_times_says_so(tmp_path):

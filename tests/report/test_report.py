@@ -104,7 +104,7 @@ def test_json_has_the_keys_of_the_contract(tmp_path):
     assert {"recording", "start_s", "end_s", "share"} <= set(where["windows"][0])
     assert where["depends_on"][0] == {"variable": "temperature", "strength": 0.8}
     named = d["mechanisms"][0]
-    assert {"name", "subsystem", "probability", "parameters", "equivalents", "says"} <= set(named)
+    assert {"name", "subsystem", "probability", "parameters", "equivalents", "says", "equation", "source"} <= set(named)
     assert named["as_well"] == ["heat lost = T s(x)"]
     said = "Nor from a term outside the catalogue: heat lost = T s(x), with s a smooth curve."
     assert said in (tmp_path / "report.html").read_text()
