@@ -188,7 +188,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     """Command line."""
     parser = argparse.ArgumentParser(description="Diagnose concealed effects, score, compare with baselines.")
     selection(parser)
-    parser.add_argument("--all", action="store_true", help="every case of the plan (hours); default: the subset")
+    parser.add_argument("--all", action="store_true", help="every case of the plan (days); default: the subset")
     parser.add_argument("--out", metavar="DIR", type=Path, default=OUT, help="default: %(default)s")
     parser.add_argument("--docs", metavar="DIR", type=Path, help="write the page there as well")
     parser.add_argument("--way", choices=("library", "command"), default="library", help="default: %(default)s")

@@ -1,6 +1,6 @@
 """The simulated bench as a port of its own: the compiled firmware in simavr, a muscle behind it, a pseudo-terminal.
 
-    python rig/simulation/run.py [--sim muscle] [--conceal creep] [--emulator]
+    python -m rig.simulation.run [--sim muscle] [--conceal creep] [--emulator]
 
 Prints the port's name; then, in another terminal: scpjax rig record --port THAT --excite multilevel --out a.csv
 """
