@@ -70,7 +70,7 @@ def named_and_judged(s: Score) -> bool:
 
 
 def is_held(s: Score) -> bool:
-    """Whether a case is of a law that was foreign when it was chosen, and is the library's by now."""
+    """Whether a case is of a law that was chosen as foreign, and is the library's."""
     return s.sort == "foreign" and any(f"-{effect}:{law}-" in s.label for effect, law in HELD)
 
 

@@ -111,7 +111,7 @@ def answer(
             "files": [r.metadata.path or r.metadata.name for r in setup.recordings],
             "bin": setup.data.bin,
             **settings,
-            "held_out": "25-35 %, 60-70 % and 90-100 % of every recording",
+            "held_out": "25-35 %, 60-70 % and 90-100 % of every recording that is long enough",
         },
     )
 

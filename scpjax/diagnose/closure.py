@@ -315,7 +315,7 @@ def _linearised(
         if int(e) in mine
     }
     base = jacobian[0][:, [c for c, e in enumerate(np.asarray(trials[0].index)) if int(e) not in at[0]]]
-    base = base[:, np.all(np.isfinite(base), axis=0) & np.any(base != 0, axis=0)]
+    base = base[:, np.any(base != 0, axis=0)]
     scaled = base / np.linalg.norm(base, axis=0)
     basis, values, _ = np.linalg.svd(scaled, full_matrices=False)
     return residual, basis[:, values > 1e-9 * values[0]], columns

@@ -64,8 +64,8 @@ def diagnose(
     """Find what a base model of these recordings leaves out.
 
     ``recordings`` are of one actuator; ``model`` is te, tm, plant or aaa (from the files or their columns when None).
-    Stretches of every recording are held out from fitting and judge every choice; the model returned is then fitted to
-    all of it. ``progress(text, fraction)`` is called between steps.
+    Stretches of every recording that is long enough are held out from fitting and judge every choice; the model
+    returned is then fitted to all of it. ``progress(text, fraction)`` is called between steps.
 
     **Raises** `FitError`, `RecordingError` for recordings that cannot be fitted, and limits that leave no experiment
     (a note tells of it where that shows in the end only).

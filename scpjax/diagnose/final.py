@@ -72,8 +72,8 @@ def fitted_to_all(parts: Split, state: State) -> tuple[Trial, Data]:
     """The hypothesis fitted to all data, by generalised least squares where its residuals stay coloured.
 
     The colour is believed if the held-out stretches, filtered by it, are predicted no worse by a training fit that
-    uses it than by one that does not; and not where the fit to all data then misses them by far: what the filter takes
-    out, such as a sensor's offset, nothing holds there.
+    uses it than by one that does not; and not where the fit to all data then misses the samples by a twentieth more:
+    what the filter takes out, such as a sensor's offset, nothing holds there.
     """
     setup, there = state.setup, parts.is_train | parts.is_held
     white = Whitener.learn(state.residual, there)

@@ -60,8 +60,7 @@ class Misfit:
         self._rows = binned.there.ravel()
         residual = np.asarray(here.residual[0])[: self._rows.size][self._rows]
         jacobian = np.asarray(here.jacobian[0])[: self._rows.size][self._rows]
-        moves = np.all(np.isfinite(jacobian), axis=0) & np.any(jacobian != 0, axis=0)
-        self._imitated, _ = np.linalg.qr(jacobian[:, moves])
+        self._imitated, _ = np.linalg.qr(jacobian[:, np.any(jacobian != 0, axis=0)])
         self.target = self._clean(-residual)
         r, k, y = binned.there.shape
         self.widths = np.asarray(data.grids.step) * data.bin  # s, of a bin of each recording

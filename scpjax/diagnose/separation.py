@@ -95,7 +95,6 @@ def rival(state: State, data: Data, weights: np.ndarray, label: str) -> Rival:
     space, meta = setup.space, setup.recordings[0].metadata
     here = evaluate(stack([trial]), data, space)
     jac = np.asarray(here.jacobian[0])
-    jac = np.where(np.all(np.isfinite(jac), axis=0), jac, 0.0)  # of what no finite derivative shows nothing is known
     scale = weights * np.asarray(data.sigma)
     rows = np.concatenate([np.broadcast_to(scale, data.target.shape).ravel(), np.ones(len(jac) - data.target.size)])
     index = np.asarray(trial.index)

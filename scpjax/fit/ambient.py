@@ -14,6 +14,7 @@ from scpjax.recordings.recording import Recording
 _FALLBACK = 293.15  # K
 _RESTING, _DRIVEN = 5, 9  # first readings used: of an actuator at rest, of one that is driven from the start
 _WILD = 8.0  # standard deviations that a first reading is off what the next ones lead back to
+_JUMP = 3.0  # ratio to the steps between the next ones, from which it is no quick warming
 _TOO_LATE = 10.0  # standard deviations of a reading, which leading back may cost
 _ALIKE = 0.999  # share of chance differences that pass for none
 
@@ -70,7 +71,8 @@ def _beginning(r: Recording, s: Structure, sigma: float) -> tuple[float, float] 
     later = r.time[at] - r.time[0]
     if len(at) > 4:
         value, std = _led_back(later[1:], values[1:], sigma, to=float(later[0]))
-        if abs(values[0] - value) > _WILD * np.hypot(std, sigma):
+        jumps = np.abs(np.diff(values))
+        if abs(values[0] - value) > _WILD * np.hypot(std, sigma) and jumps[0] > _JUMP * np.max(jumps[1:]):
             later, values = later[1:], values[1:]
     value, std = _led_back(later, values, sigma)
     return (value, std) if std < _TOO_LATE * sigma else None

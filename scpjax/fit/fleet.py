@@ -176,30 +176,46 @@ def _solve(setups: list[Setup], options: FitOptions, with_traces: bool) -> list[
         if trial is None:
             out.append(f"{s.recordings[0].metadata.name}: no start led to a finite simulation; check units")
             continue
-        trial, data, notes = settle(s, trial, s.data, drop_outliers=options.drop_outliers, robust=options.robust)
-        if data is not s.data:
-            trial, converged[i], cost[i] = refine(s, data, trial, max_steps=options.max_steps, robust=options.robust)
-            there[i] = None
-        doubt = uncertainty(trial, data, s.space, at=there[i])
-        out.append(
-            Fit(
-                model=final_model(s, trial),
-                parameters=estimates(trial, s.space, doubt),
-                known=s.known,
-                scores=scores(s, data, trial, np.asarray(data.weights)),
-                noise=noise_by_column(s),
-                rank=doubt.rank,
-                n_free=sum(not k.startswith("recording_") for k in doubt.keys),
-                not_identifiable=doubt.open_directions,
-                converged=bool(converged[i]),
-                notes=s.notes + notes,
-                traces=traces(s, data, trial, trial, None) if with_traces else (),
-                cost=float(cost[i]),
-                n_data=data.used_bins,
-                seconds=share,
-            )
-        )
+        try:
+            out.append(_finished(s, trial, there[i], float(cost[i]), bool(converged[i]), options, share, with_traces))
+        except (ScpjaxError, np.linalg.LinAlgError) as error:  # of one that blows up; the others are none the worse
+            out.append(f"{s.recordings[0].metadata.name}: {error}")
     return out
+
+
+def _finished(
+    s: Setup,
+    trial: Trial,
+    there: tuple[np.ndarray, np.ndarray] | None,
+    cost: float,
+    converged: bool,
+    options: FitOptions,
+    seconds: float,
+    with_traces: bool,
+) -> Fit:
+    """The fit of one actuator, at peace with its recordings; ``seconds`` were its share of what went before."""
+    began = time.monotonic()
+    trial, data, notes = settle(s, trial, s.data, drop_outliers=options.drop_outliers, robust=options.robust)
+    if data is not s.data:
+        trial, converged, cost = refine(s, data, trial, max_steps=options.max_steps, robust=options.robust)
+        there = None
+    doubt = uncertainty(trial, data, s.space, at=there)
+    return Fit(
+        model=final_model(s, trial),
+        parameters=estimates(trial, s.space, doubt),
+        known=s.known,
+        scores=scores(s, data, trial, np.asarray(data.weights)),
+        noise=noise_by_column(s),
+        rank=doubt.rank,
+        n_free=sum(not k.startswith("recording_") for k in doubt.keys),
+        not_identifiable=doubt.open_directions,
+        converged=converged,
+        notes=s.notes + notes,
+        traces=traces(s, data, trial, trial, None) if with_traces else (),
+        cost=cost,
+        n_data=data.used_bins,
+        seconds=seconds + time.monotonic() - began,
+    )
 
 
 def _begin(setup: Setup, k: int, best: Trial | None, width: int) -> Trial:

@@ -62,8 +62,9 @@ def uncertainty(
     """Uncertainty of a trial at its solution.
 
     Gauss-Newton covariance, scaled by the residual variance and, with ``coloured``, by their correlation time.
-    ``at`` holds residuals and Jacobian there when a solver has left them. What the outputs have no finite derivative by
-    there counts as not seen in them: its prior alone bounds it, or the range that it may have.
+    ``at`` holds residuals and Jacobian there when a solver has left them. Outputs say nothing of what they have no
+    finite derivative by (0 in a Jacobian from a solver); what none of them tells of, its prior alone bounds, or the
+    range that it may have.
     """
     if at is None:
         here = evaluate(stack([trial]), data, space)

@@ -15,6 +15,7 @@ from scpjax.recordings.recording import Recording
 _TOP = 0.85  # of the spectrum, above which a signal has least of itself
 _SAMPLES = 512  # from which there is enough of it
 _SPREAD = 0.9  # relative standard deviation of its estimate, times the root of the number of lines
+_NOT_WILD = (0.01, 0.99)  # quantiles between which readings are not wild ones
 _FINEST = 1e-5  # of its range, that any reading is off by
 _CLEARLY = 3.0  # of its standard deviations, that it has to be below the other to be believed instead
 
@@ -41,7 +42,8 @@ def noise_of(recordings: Sequence[Recording], structure: Structure) -> np.ndarra
         for j, stem in columns(structure, r):
             there = np.flatnonzero(r.weight(stem) > 0)
             inner = slice(there[0], there[-1] + 1) if there.size else slice(None)
-            ranges[j] = max(ranges[j], float(np.ptp(r.output(stem)[there]))) if there.size else ranges[j]
+            if there.size:
+                ranges[j] = max(ranges[j], float(np.ptp(np.quantile(r.output(stem)[there], _NOT_WILD))))
             seen[j].append(_look(r.output(stem)[inner], r.weight(stem)[inner], uniform=r.is_uniform))
     sigma = np.array([_pooled(s) if s else 1.0 for s in seen])
     return np.maximum(np.where(sigma > 0, sigma, 1e-9), _FINEST * ranges)

@@ -16,6 +16,7 @@ LOOK = "look again: "
 """How such a note begins."""
 
 _ROOM = (278.15, 313.15)  # K
+_ROOM_COLUMNS = ("ambient_degC", "ambient_degF", "ambient_K")
 _COLDEST = 253.15  # K
 _HOTTEST = 573.15  # K; nylon melts at 490 to 540 K
 _TRAVEL = (5e-5, 1.0)  # m, between least and greatest reading
@@ -59,7 +60,7 @@ def doubts(recording: Recording) -> tuple[str, ...]:
         meant = _meant(column, [c.stem for c in r.input_channels], [c.stem for c in r.output_channels])
         if meant:
             out.append(f"{name}: the column {column} is not read; is it {meant}?")
-        elif column.startswith("ambient_"):
+        elif column in _ROOM_COLUMNS and r.metadata.ambient_K is None:
             out.append(
                 f"{name}: the column {column} is not read; give the room's temperature as ambient_degC in the .toml"
             )

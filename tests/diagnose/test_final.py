@@ -1,8 +1,11 @@
 """The last fit: by steps so short that the parameters are the actuator's, and not the integrator's."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
+from scipy import signal
 from scipy.integrate import solve_ivp
 
 from scpjax.diagnose import final
@@ -10,6 +13,7 @@ from scpjax.diagnose.diagnose import _base
 from scpjax.diagnose.final import fitted_to_all, resolved
 from scpjax.diagnose.hypothesis import from_their_starts, grown, trial_at
 from scpjax.diagnose.trials import at_rest
+from scpjax.fit.colour import Whitener
 from scpjax.fit.data import Data
 from scpjax.fit.fit import final_model
 from scpjax.fit.predict import predict
@@ -137,3 +141,22 @@ def test_what_blows_up_by_shorter_steps_is_told_as_it_was_found(monkeypatch):
     assert same is parts
     assert found is state
     assert "blow up" in notes[0]
+
+
+@pytest.mark.parametrize(("farther", "taken"), [(1.02, True), (1.2, False)])
+def test_a_fit_to_coloured_residuals_may_miss_the_samples_by_little_more(monkeypatch, farther, taken):
+    """What the filter takes out nothing holds: where that leads far off, the plain fit is told."""
+    size = (2, 300, 1)
+    noise = np.random.default_rng(0).standard_normal(size)
+    residual = signal.lfilter([1.0], [1.0, -0.8], noise, axis=1)
+    whole = SimpleNamespace(with_colour=lambda colour: "coloured")
+    train = SimpleNamespace(with_colour=lambda colour: "coloured")
+    parts = SimpleNamespace(whole=whole, train=train, is_train=np.ones(size, bool), is_held=np.ones(size, bool))
+    missed = {"plain": 1.0, "coloured": farther}
+    monkeypatch.setattr(
+        final, "refine", lambda s, data, t, **_: ("coloured" if data == "coloured" else "plain", True, 0.0)
+    )
+    monkeypatch.setattr(final, "residual_on", lambda trial, *_: missed[trial] * residual)
+    monkeypatch.setattr(Whitener, "__call__", lambda self, r, there: (1.0, 1))  # filtered, both predict the same
+    state = SimpleNamespace(setup=None, residual=residual, trial="begun")
+    assert fitted_to_all(parts, state)[0] == ("coloured" if taken else "plain")  # type: ignore[arg-type]

@@ -125,6 +125,7 @@ def test_the_page_shows_every_case(tmp_path):
         assert f"concealed/{name}.svg" in text
         assert (tmp_path / "concealed" / f"{name}.svg").stat().st_size > 1000
     assert "| `b` | single-slack | 5.0 | misnamed | friction |" in text
+    assert "| `a` | single-creep | explained | creep | 2.00 |" in text
     assert "1 of 2, 50% (9% to 91%) | 1 of 1 |" in text
     assert "| 0 of 1, 0% (0% to 79%) | 0 of 1 |" in text
     assert "Of 2 cases it is noted that the engine was asked them for the first time (older, abc)" in text
@@ -144,3 +145,11 @@ def test_the_page_shows_every_case(tmp_path):
     text = write_page(tmp_path, judged, {"narx": {"a": 1.5}}, commit="older, abc", of=515, asked=asked).read_text()
     assert "| single, given to all | scpjax | 1 |" in text
     assert "| single, given to all | narx | 1 | 1.50 |" in text
+
+
+def test_laws_that_are_the_librarys_do_not_count_as_foreign():
+    named = score(truth("fatigue", sort="foreign"), said("fatigue"))
+    of = lambda *labels: next(  # noqa: E731
+        g.of for g in goals([replace(named, label=f"foreign-{x}-strong-full") for x in labels]) if "foreign" in g.title
+    )
+    assert of("fatigue:Arrhenius", "fatigue:wear", "creep:Arrhenius") == 2

@@ -72,15 +72,17 @@ def test_a_column_whose_name_is_nearly_right_is_asked_about(tmp_path, column, me
         assert said[0].endswith(f"the column {column} is not read; is it {meant}?")
 
 
-def test_a_column_of_the_room_is_asked_for_in_the_toml(tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text(
-        "time_s,voltage_V,displacement_mm,ambient_degC\n" + "\n".join(f"{k},{k % 3},{k},21" for k in range(9))
-    )
+@pytest.mark.parametrize(
+    ("column", "told", "asked"), [("degC", "", True), ("humidity_pct", "", False), ("degC", "20.0", False)]
+)
+def test_a_column_of_the_room_is_asked_for_in_the_toml(tmp_path, column, told, asked):
+    path, name = tmp_path / "a.csv", f"ambient_{column}"
+    path.write_text(f"time_s,voltage_V,displacement_mm,{name}\n" + "\n".join(f"{k},{k % 3},{k},21" for k in range(9)))
+    if told:
+        (tmp_path / "a.toml").write_text(f"[environment]\nambient_degC = {told}\n")
     said = [d for d in doubts(read_recording(path)) if "is not read" in d]
-    assert said == [
-        f"{LOOK}a: the column ambient_degC is not read; give the room's temperature as ambient_degC in the .toml"
-    ]
+    mend = "give the room's temperature as ambient_degC in the .toml"
+    assert said == ([f"{LOOK}a: the column {name} is not read; {mend}"] if asked else [])
 
 
 def test_a_recording_without_times_says_so(tmp_path):

@@ -1,7 +1,7 @@
 """Effects of the catalogue under laws that the library does not hold: is the effect still named, and nothing else?
 
 Each takes what it does not say otherwise from the effect that it belongs to. Chosen from the literature before the
-engine was run on any of them; `HELD` are those that the library holds by now.
+engine was run on any of them; `HELD` are those that the library holds all the same.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ HELD = frozenset(
         ("two_node_thermal", "two stores"),
     }
 )
-"""Effects and laws that the library has come to hold: the law spread of a dead time is three lags with a share of 1,
-and the others were added after these were chosen. They are no test of foreign laws any more."""
+"""Effects and laws that the library holds: the law spread of a dead time, which is three lags with a share of 1, was
+there when these were chosen, and the others were added since. They are no test of foreign laws."""
 
 
 class Recruitment(elastic.NonlinearThermalForce):
