@@ -22,14 +22,14 @@ than the catalogue's), with physics concealed in them that the base model does n
 sha256 before anything was diagnosed. The engine saw the given files; other files, driven differently, were kept back.
 Strength is the misfit of the best base model over the noise: weak 1.2 to 3, moderate to 8.5, strong above; of
 several effects, of the one that is weakest alone. Below 1.2 nothing can be seen (`unseen`).
-"Foreign" are single effects under laws that the catalogue does not hold; of those chosen, {held} are its own (the
-dead time was already, two stores are since a case under them had gone wrong) and do not count towards the goal for
-foreign laws. Some of the
-plan's other laws were none of the catalogue's either, and have come into it since, after cases under them had been
-missed or predicted badly: a drive that comes through suddenly, a supply that tires by what is asked of it, a spring
-that grows exponentially or nears its full length, a weight lifted off its support. Also since the plan was made: the
-toe of a tendon, a link that a joint raises, fatigue that sets in at a temperature, a curved resistance, two layers
-behind one another.
+"Foreign" are single effects under laws that the catalogue does not hold; of those chosen,
+{held}
+are its own (the dead time was already, two stores are since a case under them had gone wrong) and do not count towards
+the goal for foreign laws. Some of the plan's other laws were none of the catalogue's either, and have come into it
+since, after cases under them had been missed or predicted badly: a drive that comes through suddenly, a supply that
+tires by what is asked of it, a spring that grows exponentially or nears its full length, a weight lifted off its
+support. Also since the plan was made: the toe of a tendon, a link that a joint raises, fatigue that sets in at a
+temperature, a curved resistance, two layers behind one another.
 """
 
 
