@@ -246,7 +246,6 @@ def improve(data: Data, gaps: tuple[Gap, ...], shares: np.ndarray, trial: Trial,
         efforts[place + 1] = fill(np.asarray(data.grids.effort), gaps, moved)
     answers = np.asarray(_responses(jnp.asarray(efforts), trial, data, space))
     columns = np.asarray(_parameter_columns(trial, data, space))
-    columns = np.where(np.isfinite(columns), columns, 0.0)
     whiten = _whitener(answers[0], np.isfinite(np.asarray(data.norm)))
     parameters = [whiten(columns[..., j]).ravel() for j in range(columns.shape[-1])]
     changes = []

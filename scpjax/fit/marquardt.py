@@ -74,7 +74,6 @@ class Marquardt(optx.AbstractLeastSquaresSolver):
     parameters that the data leave open drift for ever without changing what is predicted, and a test on their steps
     never ends there.
 
-    Where residuals have no finite derivative, they do not guide it; the Jacobian that it leaves is 0 there.
 
     ``tolerance``: half the fall of the sum of squares in one step with which it is at rest, beside ``rtol`` of it;
     ``limit``: steps at most.
@@ -101,7 +100,6 @@ class Marquardt(optx.AbstractLeastSquaresSolver):
         self, fn: Any, y: Array, args: Any, options: Any, state: _State, tags: frozenset[object]
     ) -> tuple[Array, _State, Array]:
         residual, jacobian = fn(state.trying, args)
-        jacobian = _known(jacobian)
         here, there = _info(state.residual, state.jacobian), _info(residual, jacobian)
         step_size, accept, _, search = self.search.step(state.first, y, state.trying, here, there, state.search)
         before, after = 0.5 * jnp.sum(state.residual**2), 0.5 * jnp.sum(residual**2)
@@ -139,12 +137,6 @@ class Marquardt(optx.AbstractLeastSquaresSolver):
         result: optx.RESULTS,
     ) -> tuple[Array, Array, dict[str, Any]]:
         return y, aux, {}
-
-
-def _known(jacobian: Array) -> Array:
-    """The Jacobian, 0 where a residual has no finite derivative: it is taken to stay as it is."""
-    whole = jnp.isfinite(jnp.sum(jacobian))  # nearly always; to look at every entry at every step takes time
-    return jax.lax.cond(whole, lambda j: j, lambda j: jnp.where(jnp.isfinite(j), j, 0.0), jacobian)
 
 
 def _info(residual: Array, jacobian: Array) -> Any:

@@ -225,8 +225,9 @@ def sensitivities(
 ) -> tuple[Float[Array, " m"], Float[Array, "m moving"]]:
     """`residuals` and their Jacobian by forward sensitivities, all tangents of a recording abreast with its values.
 
-    Linearising a simulation first, as `optimistix` does, would keep every step of it in memory. ``together``: all
-    recordings abreast within each tangent, the slower way round.
+    Linearising a simulation first, as `optimistix` does, would keep every step of it in memory. The Jacobian is 0 where
+    a residual has no finite derivative. ``together``: all recordings abreast within each tangent, the slower way round,
+    and the Jacobian as it is.
     """
     directions = jnp.eye(moving.shape[0], dtype=moving.dtype)
 
@@ -242,7 +243,16 @@ def sensitivities(
     of_data, slopes = jax.vmap(of_one, in_axes=(data.by_recording(), 0))(data, jnp.arange(space.n_recordings))
     others, other_slopes = along(lambda x: _beside(x, trial, space))
     jacobian = jnp.concatenate([slopes.reshape(-1, moving.shape[0]), other_slopes])
-    return jnp.concatenate([of_data.ravel(), others]), jacobian
+    return jnp.concatenate([of_data.ravel(), others]), known(jacobian)
+
+
+def known(jacobian: Float[Array, "m moving"]) -> Float[Array, "m moving"]:
+    """A Jacobian, 0 where a residual has no finite derivative: it is taken to stay as it is.
+
+    Not for many side by side (`jax.vmap`): with this within, a fleet of 64 never came back (jaxlib 0.10.2).
+    """
+    whole = jnp.isfinite(jnp.sum(jacobian))  # nearly always; to look at every entry at every step takes time
+    return jax.lax.cond(whole, lambda j: j, lambda j: jnp.where(jnp.isfinite(j), j, 0.0), jacobian)
 
 
 def _misfit(moving: Array, trial: Trial, space: Space, robust: float, mine: Data, i: Array) -> Float[Array, "k y"]:
