@@ -189,7 +189,24 @@ def fit(
     trial, _, _ = best_start(setup, setup.data, max_steps=options.max_steps, robust=options.robust)
     trial, data, notes = settle(setup, trial, setup.data, drop_outliers=options.drop_outliers, robust=options.robust)
     trial, converged, cost = refine(setup, data, trial, max_steps=options.max_steps, robust=options.robust)
-    doubt = uncertainty(trial, data, setup.space)
+    return told(setup, trial, data, converged=converged, cost=cost, notes=notes, began=began)
+
+
+def told(
+    setup: Setup,
+    trial: Trial,
+    data: Data,
+    *,
+    converged: bool,
+    cost: float,
+    notes: tuple[str, ...],
+    began: float,
+    at: tuple[np.ndarray, np.ndarray] | None = None,
+    with_traces: bool = True,
+) -> Fit:
+    """A solution as it is told: with error bars, scores and curves. ``at`` as of `uncertainty`; ``began`` [s], by
+    `time.monotonic`."""
+    doubt = uncertainty(trial, data, setup.space, at=at)
     return Fit(
         model=final_model(setup, trial),
         parameters=estimates(trial, setup.space, doubt),
@@ -201,7 +218,7 @@ def fit(
         not_identifiable=doubt.open_directions,
         converged=converged,
         notes=setup.notes + notes,
-        traces=traces(setup, data, trial, trial, None),
+        traces=traces(setup, data, trial, trial, None) if with_traces else (),
         cost=cost,
         n_data=data.used_bins,
         seconds=time.monotonic() - began,

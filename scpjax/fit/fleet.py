@@ -13,8 +13,7 @@ import numpy as np
 
 from scpjax.errors import FitError, ScpjaxError
 from scpjax.fit.data import Data
-from scpjax.fit.fit import FitOptions, final_model, noise_by_column, refine, scores, settle, traces
-from scpjax.fit.identifiability import estimates, uncertainty
+from scpjax.fit.fit import FitOptions, refine, settle, told
 from scpjax.fit.problem import Space, Trial
 from scpjax.fit.result import Fit
 from scpjax.fit.setup import Setup, choose_model, greatest_effort, prepare, structure_for, usual_substeps
@@ -199,22 +198,16 @@ def _finished(
     if data is not s.data:
         trial, converged, cost = refine(s, data, trial, max_steps=options.max_steps, robust=options.robust)
         there = None
-    doubt = uncertainty(trial, data, s.space, at=there)
-    return Fit(
-        model=final_model(s, trial),
-        parameters=estimates(trial, s.space, doubt),
-        known=s.known,
-        scores=scores(s, data, trial, np.asarray(data.weights)),
-        noise=noise_by_column(s),
-        rank=doubt.rank,
-        n_free=sum(not k.startswith("recording_") for k in doubt.keys),
-        not_identifiable=doubt.open_directions,
+    return told(
+        s,
+        trial,
+        data,
         converged=converged,
-        notes=s.notes + notes,
-        traces=traces(s, data, trial, trial, None) if with_traces else (),
         cost=cost,
-        n_data=data.used_bins,
-        seconds=seconds + time.monotonic() - began,
+        notes=notes,
+        began=began - seconds,
+        at=there,
+        with_traces=with_traces,
     )
 
 
