@@ -17,6 +17,7 @@ from scpjax.diagnose.final import fitted_to_all, resolved
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, residual_on
 from scpjax.diagnose.locate import Binned, locate
+from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.reaction import Reaction, draw_reaction
 from scpjax.diagnose.remainder import AT_NOISE, form_at_most, level, takes_most
 from scpjax.diagnose.result import FREE, Closure, Diagnosis, Drawn, Latent, Named, Reference, Scores, Verdict
@@ -64,17 +65,17 @@ def answer(
     *,
     as_well: Sequence[Curve] = (),
     notes: tuple[str, ...],
-    seconds: float,
+    patience: Patience,
     settings: Mapping[str, Any],
 ) -> Diagnosis:
     """The whole answer; the hypotheses are fitted once more, to all data. ``swing`` is of what nothing explains;
-    ``as_well`` what no name is and predicts what the only one does."""
+    ``as_well`` what no name is and predicts what the only one does; ``patience`` began with the diagnosis."""
     setup = base.setup
     state = learned.state if learned else choice.state
     problem = state.setup
-    fine, by_fine, steps = resolved(state, parts)
-    final, final_data = fitted_to_all(fine, by_fine)
-    base_final, _ = fitted_to_all(parts, base)
+    fine, by_fine, steps = resolved(state, parts, patience)
+    final, final_data = fitted_to_all(fine, by_fine, patience)
+    base_final, _ = fitted_to_all(parts, base, patience)
     doubt = uncertainty(final, final_data, problem.space, coloured=final_data is fine.whole)
     every = estimates(final, problem.space, doubt)
     fitted = final_model(problem, final)
@@ -102,11 +103,11 @@ def answer(
         missing=lacking,
         base_parameters={k: e for k, e in every.items() if k.split(".")[0] in setup.structure.base},
         not_identifiable=doubt.open_directions,
-        notes=setup.notes + notes + steps + _nearest(choice) + _of(swing),
+        notes=setup.notes + notes + patience.notes() + steps + _nearest(choice) + _of(swing),
         model=fitted,
         base_model=final_model(setup, base_final),
         traces=traces(setup, parts.whole, base.trial, state.trial, parts.mask, extended_setup=problem),
-        seconds=seconds,
+        seconds=patience.passed(),
         settings={
             "files": [r.metadata.path or r.metadata.name for r in setup.recordings],
             "bin": setup.data.bin,

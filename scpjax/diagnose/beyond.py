@@ -11,6 +11,7 @@ from scpjax.diagnose.curve import Curve, bend, forms_named
 from scpjax.diagnose.evidence import Evidence, ahead, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
+from scpjax.diagnose.patience import ENDLESS, Patience
 from scpjax.diagnose.reaction import Reaction, reacting
 from scpjax.diagnose.remainder import AT_NOISE, level, unexplained
 from scpjax.diagnose.result import Latent
@@ -30,32 +31,41 @@ def able(lacking: Sequence[Latent], base: State, parts: Split) -> tuple[str, ...
     return tuple(dict.fromkeys(balance_of(m.subsystem) for m in lacking if m.explained >= least))
 
 
-def closure(state: State, parts: Split, rules: Evidence, where: Sequence[str] = ()) -> Beyond | None:
+def closure(
+    state: State, parts: Split, rules: Evidence, where: Sequence[str] = (), patience: Patience = ENDLESS
+) -> Beyond | None:
     """What is learned beyond a hypothesis: a form, or a reaction that uses itself up. Of those that come down to the
-    noise what has more evidence, else what predicts better; None where neither is better than none.
+    noise what has more evidence, else what predicts better; None where neither is better than none. Here and below
+    nothing is begun any more once it is late by ``patience``.
     """
-    reaction = reacting(state, parts, rules) if not where or "thermoelectric" in where else None
-    found = [f for f in (form(state, parts, rules, where), reaction) if f is not None]
+    reaction = _reacting(state, parts, rules, patience) if not where or "thermoelectric" in where else None
+    found = [f for f in (form(state, parts, rules, where, patience), reaction) if f is not None]
     whole = [f for f in found if level(f.state, parts) <= AT_NOISE]
     if whole:
         return max(whole, key=lambda f: ahead(f.state, state, parts, rules))
     return min(found, key=lambda f: unexplained(f.state, parts.is_held), default=None)
 
 
-def form(state: State, parts: Split, rules: Evidence, where: Sequence[str] = ()) -> Learned | Curve | None:
+def _reacting(state: State, parts: Split, rules: Evidence, patience: Patience) -> Reaction | None:
+    return None if patience.late() else reacting(state, parts, rules)
+
+
+def form(
+    state: State, parts: Split, rules: Evidence, where: Sequence[str] = (), patience: Patience = ENDLESS
+) -> Learned | Curve | None:
     """A curve of one variable if it comes down to the noise, else what predicts better, that or a sum of terms; None
     where neither is better than none.
     """
-    curve = bend(state, parts, rules, where)
+    curve = bend(state, parts, rules, where, patience)
     if curve is not None and level(curve.state, parts) <= AT_NOISE:
         return curve
-    found = [f for f in (learn(state, parts, rules, where), curve) if f is not None]
+    found = [f for f in (learn(state, parts, rules, where, patience), curve) if f is not None]
     return min(found, key=lambda f: unexplained(f.state, parts.is_held), default=None)
 
 
-def correction(state: State, parts: Split, rules: Evidence) -> Learned | Curve | None:
+def correction(state: State, parts: Split, rules: Evidence, patience: Patience = ENDLESS) -> Learned | Curve | None:
     """A form that is learned in the balances of the named mechanisms."""
-    return form(state, parts, rules, balances(state))
+    return form(state, parts, rules, balances(state), patience)
 
 
 def in_place_of(
@@ -64,6 +74,7 @@ def in_place_of(
     parts: Split,
     rules: Evidence,
     where: Sequence[str] = (),
+    patience: Patience = ENDLESS,
     *,
     as_well: bool = False,
     impossible: bool = False,
@@ -78,9 +89,9 @@ def in_place_of(
         enough = impossible or (as_well and ahead(s, state, parts, rules) > 0.0)
         return mine < its or (enough and mine < its + rules.held_out)
 
-    found: list[Beyond | None] = [f(base, parts, rules, where) for f in (bend, learn)]
+    found: list[Beyond | None] = [f(base, parts, rules, where, patience) for f in (bend, learn)]
     if not where or "thermoelectric" in where:
-        found.append(reacting(base, parts, rules))
+        found.append(_reacting(base, parts, rules, patience))
     able = [
         f
         for f in found
@@ -89,7 +100,9 @@ def in_place_of(
     return max(able, key=lambda f: ahead(f.state, base, parts, rules), default=None)
 
 
-def one_reaction(base: State, state: State, parts: Split, rules: Evidence) -> Reaction | None:
+def one_reaction(
+    base: State, state: State, parts: Split, rules: Evidence, patience: Patience = ENDLESS
+) -> Reaction | None:
     """A reaction alone that reaches the noise and does better than several names, or one that does not reach it, about
     the heat and its reading.
     """
@@ -97,7 +110,7 @@ def one_reaction(base: State, state: State, parts: Split, rules: Evidence) -> Re
     several = len(state.names) > 1 or level(state, parts) > AT_NOISE
     if not several or not acting <= {*_HEATED} or "thermoelectric" not in map(balance_of, acting):
         return None
-    found = reacting(base, parts, rules)
+    found = _reacting(base, parts, rules, patience)
     if found is None or level(found.state, parts) > AT_NOISE or not is_better(found.state, state, parts, rules):
         return None
     return found

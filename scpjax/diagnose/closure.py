@@ -16,6 +16,7 @@ import numpy as np
 from scpjax.diagnose.evidence import Comparison, Evidence, compare
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, grown, laws_of
+from scpjax.diagnose.patience import ENDLESS, Patience
 from scpjax.diagnose.remainder import at_noise
 from scpjax.diagnose.trials import fit_leading, integrable
 from scpjax.fit.identifiability import uncertainty
@@ -54,11 +55,15 @@ class _Offer:
     term: Term
 
 
-def learn(state: State, split: Split, rules: Evidence, subsystems: Sequence[str] = ()) -> Learned | None:
+def learn(
+    state: State, split: Split, rules: Evidence, subsystems: Sequence[str] = (), patience: Patience = ENDLESS
+) -> Learned | None:
     """The closure that the recordings ask for beyond ``state``; None when no sum of terms is better than none.
 
-    ``subsystems``: where it may stand; anywhere when none is given.
+    ``subsystems``: where it may stand; anywhere when none is given. No terms are added late by ``patience``.
     """
+    if patience.late():
+        return None
     make_room()
     problem = _with_terms(state.setup, subsystems)
     if not offers(problem):
@@ -73,7 +78,7 @@ def learn(state: State, split: Split, rules: Evidence, subsystems: Sequence[str]
         if found is None:
             break
         current, chosen, instead = found
-        if at_noise(current, split, 1.1):
+        if at_noise(current, split, 1.1) or patience.late():
             break
     if not chosen:
         return None

@@ -20,6 +20,7 @@ from scpjax.compiled import quickly_compiled
 from scpjax.diagnose.evidence import Comparison, Evidence, are_alike, compare
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, grown, laws_of
+from scpjax.diagnose.patience import ENDLESS, Patience
 from scpjax.diagnose.trials import fit_leading, integrable
 from scpjax.fit.data import Data
 from scpjax.fit.problem import CEILING, Space, Trial, by_recording, initial_state, unpack
@@ -94,12 +95,16 @@ class Curve:
         return tuple(f"{m.name}.{p.name}" for p in m.free_parameters(self.law))
 
 
-def bend(state: State, split: Split, rules: Evidence, subsystems: Sequence[str] = ()) -> Curve | None:
+def bend(
+    state: State, split: Split, rules: Evidence, subsystems: Sequence[str] = (), patience: Patience = ENDLESS
+) -> Curve | None:
     """The curve that the recordings ask for beyond ``state``; None when none is better than none.
 
     ``subsystems``: where it may stand; anywhere when none is given. The best with few pieces is given more if they
-    predict the held-out stretches better.
+    predict the held-out stretches better. None is begun late by ``patience``.
     """
+    if patience.late():
+        return None
     return best_of(curves(state, split, rules, subsystems), state, split, rules)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -42,7 +41,7 @@ class DiagnoseOptions:
     """``evidence``: what it takes to be named. ``order``, ``substeps``, ``bin`` of the simulation as of a fit.
     ``next``: limits within which an experiment is designed that separates what is left close (None: none is).
     ``patience``: seconds after which no other explanation is sought where none has reached the noise, a second name
-    apart; what is left to be done then may take some minutes."""
+    apart; after half as many more nothing else is begun that the answer can do without."""
 
     evidence: Evidence = field(default_factory=Evidence)
     order: int = 2
@@ -71,7 +70,7 @@ def diagnose(
     (a note tells of it where that shows in the end only).
     """
     options = options or DiagnoseOptions()
-    began, patience = time.monotonic(), Patience(options.patience)
+    patience = Patience(options.patience)
     tell = progress or (lambda text, fraction: None)
     tell("reading the recordings for a start", 0.0)
     setup = prepare(
@@ -90,9 +89,9 @@ def diagnose(
     binned = observe(setup, parts.whole, base.trial, base.residual)
     misfit = Misfit(setup, parts.whole, base.trial, binned)
     lacking = missing(misfit)
-    choice, learned, swing = _beyond(found, misfit, lacking, rules, tell)
+    choice, learned, swing = _beyond(found, misfit, lacking, rules, patience, tell)
     tell("what outside the catalogue would do as well", 0.8)
-    as_well = nameless(base, choice, parts, rules) if learned is None else ()
+    as_well = nameless(base, choice, parts, rules) if learned is None and not patience.late() else ()
     tell("fitting the chosen model to all data", 0.85)
     told = answer(
         parts,
@@ -103,8 +102,8 @@ def diagnose(
         lacking,
         swing,
         as_well=as_well,
-        notes=notes + found.notes + patience.notes(),
-        seconds=time.monotonic() - began,
+        notes=notes + found.notes,
+        patience=patience,
         settings={"order": options.order, "substeps": options.substeps, "evidence": vars(rules)},
     )
     if options.next is None:
@@ -131,7 +130,7 @@ def _base(setup: Setup) -> tuple[Split, State, tuple[str, ...]]:
 
 
 def _beyond(
-    found: Found, misfit: Misfit, lacking: tuple[Latent, ...], rules: Evidence, tell: Progress
+    found: Found, misfit: Misfit, lacking: tuple[Latent, ...], rules: Evidence, patience: Patience, tell: Progress
 ) -> tuple[Choice, Beyond | Swing | None, Rhythm | None]:
     """What is named in the end, what is learned beyond it, and what repeats, where nothing explains the misfit or where
     that alone does better than what does not reach the noise, or than a name that goes by a curve.
@@ -139,15 +138,15 @@ def _beyond(
     parts, base, choice, learned = found.parts, found.base, found.choice, found.curve
     if learned is None and level(choice.state, parts) > AT_NOISE:
         tell("learning what the catalogue does not hold", 0.75)
-        choice, learned = beyond_names(parts, base, choice, rules, able(lacking, base, parts))
+        choice, learned = beyond_names(parts, base, choice, rules, able(lacking, base, parts), patience)
     elif learned is None:
-        choice, learned = form_rather_than_name(parts, base, choice, rules)
+        choice, learned = form_rather_than_name(parts, base, choice, rules, patience)
     if found.curve is None and learned is not None and swings_within_bins(learned.state, choice.state, parts):
         stay = found.choice if choice.outdone else choice  # also names that it alone was better than
         choice, learned = replace(stay, rang=True), None
     best = learned.state if learned is not None else choice.state
     nothing = nothing_explains(base, choice, learned, parts)
-    if not (nothing or choice.free or level(best, parts) > AT_NOISE):
+    if not (nothing or choice.free or level(best, parts) > AT_NOISE) or patience.late():
         return choice, learned, None
     swing, by_swing = _repeating(misfit, lacking, base, parts, rules)
     if nothing:

@@ -37,7 +37,7 @@ def exchanged(
     """The choice with names in whose place another does better beside the rest, or predicts the same with fewer
     parameters, and as equivalents those that do as well; nothing for a single name, which its own round has compared.
     Away from the noise no name is asked for out of ``patience``, unless they are near it: what they then are told as
-    may hang on what is as good in their place.
+    may hang on what is as good in their place. Late by it none is.
 
     Where they do not reach the noise, or a parameter stands at its limit, every name is asked for its law again first,
     where all stand, as it was chosen before the rest was known; away from it also beside the rest without it, and once
@@ -70,7 +70,7 @@ def _laws_again(state: State, split: Split, rules: Evidence, patience: Patience)
         before = state
         for name in state.names:
             amiss = _is_far(state, split) or strained(state)
-            if (at_noise(state, split) and not amiss) or (turn and (not amiss or patience.over())):
+            if (at_noise(state, split) and not amiss) or (turn and (not amiss or patience.over())) or patience.late():
                 return state
             other = (under_every_law if amiss and not patience.over() else in_a_hurry)(state, name, split)
             if is_better(other, state, split, rules):
@@ -96,7 +96,7 @@ def _each_exchanged(
 
     for name in choice.state.names:
         state = choice.state
-        if len(state.names) < 2:
+        if len(state.names) < 2 or patience.late():
             break
         if name not in state.names:
             continue

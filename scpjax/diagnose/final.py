@@ -8,6 +8,7 @@ import numpy as np
 
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, residual_on
+from scpjax.diagnose.patience import ENDLESS, Patience
 from scpjax.fit.colour import Whitener
 from scpjax.fit.data import Data
 from scpjax.fit.fit import refine
@@ -29,15 +30,16 @@ _FARTHER = 1.05
 samples by its parameters' errors more, which are a small part of the noise."""
 
 
-def resolved(state: State, parts: Split) -> tuple[Split, State, tuple[str, ...]]:
+def resolved(state: State, parts: Split, patience: Patience = ENDLESS) -> tuple[Split, State, tuple[str, ...]]:
     """The data, and the hypothesis fitted to their training part, by steps that are short enough; both as they are
     where theirs are, or where it fits by the errors of long steps alone and blows up by shorter ones. And a note of
     that, or where no steps tried were short enough.
 
     Where what acts on the force has states of its own, such as hysteresis, a step as long as a sample may err by more
-    than the noise, and parameters fitted with it make up for that only under drives like those given.
+    than the noise, and parameters fitted with it make up for that only under drives like those given. Late by
+    ``patience`` they are left as long as they are.
     """
-    if not any(m.may_need_short_steps for m in state.setup.structure.mechanisms):
+    if not any(m.may_need_short_steps for m in state.setup.structure.mechanisms) or patience.late():
         return parts, state, ()
     sigma, space = np.asarray(parts.whole.sigma), state.setup.space
     there = np.where(np.asarray(parts.whole.weights) > 0, 1.0, 0.0)
@@ -68,8 +70,9 @@ def fitted_finer(state: State, parts: Split, factor: int) -> tuple[Split, State 
     return finer, State(state.setup, trial, residual, cost)
 
 
-def fitted_to_all(parts: Split, state: State) -> tuple[Trial, Data]:
-    """The hypothesis fitted to all data, by generalised least squares where its residuals stay coloured.
+def fitted_to_all(parts: Split, state: State, patience: Patience = ENDLESS) -> tuple[Trial, Data]:
+    """The hypothesis fitted to all data, by generalised least squares where its residuals stay coloured, unless it is
+    late by ``patience``.
 
     The colour is believed if the held-out stretches, filtered by it, are predicted no worse by a training fit that
     uses it than by one that does not; and not where the fit to all data then misses the samples by a twentieth more:
@@ -78,7 +81,7 @@ def fitted_to_all(parts: Split, state: State) -> tuple[Trial, Data]:
     setup, there = state.setup, parts.is_train | parts.is_held
     white = Whitener.learn(state.residual, there)
     trial, _, _ = refine(setup, parts.whole, state.trial)
-    if white.is_white:
+    if white.is_white or patience.late():
         return trial, parts.whole
     uncoloured = trial
     trained, _, _ = refine(setup, parts.train.with_colour(white.colour), state.trial)

@@ -11,6 +11,7 @@ from scpjax.diagnose.doubtful import acting_at_once, asking_for_more, impossible
 from scpjax.diagnose.evidence import Evidence, ahead, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
+from scpjax.diagnose.patience import ENDLESS, Patience
 from scpjax.diagnose.remainder import AT_NOISE, form_at_most, level, share_left, takes_most, unexplained
 from scpjax.diagnose.trials import without
 
@@ -33,9 +34,9 @@ def nothing_explains(base: State, choice: Choice, learned: Beyond | None, parts:
 
 
 def beyond_names(
-    parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str]
+    parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str], patience: Patience = ENDLESS
 ) -> tuple[Choice, Beyond | None]:
-    """What is to be said when the named mechanisms do not reach the noise.
+    """What is to be said when the named mechanisms do not reach the noise; nothing is learned late by ``patience``.
 
     Names are false if a closure without them does far better on the held-out misfit, and explains nearly all of it or
     they leave much; or if they leave much, of that or of what they were fitted to, that stands clearly above the noise,
@@ -46,23 +47,24 @@ def beyond_names(
     the noise and it does not, is false if such a correction does better in its place, and so is one of which beside
     the closure nothing stays.
     """
-    alone = _instead_of_doubtful(base, choice.state, parts, rules) if form_at_most(base, choice.state, parts) else None
+    little = form_at_most(base, choice.state, parts)
+    alone = _instead_of_doubtful(base, choice.state, parts, rules, patience) if little else None
     if alone is not None:
         return outdone(choice, choice.state, base, parts), alone
     ends = asking_for_more(choice.state, parts)
     if ends:
-        fewer, learned = _without_them(parts, base, _fewer(choice, [*ends], base, parts), rules, where)
+        fewer, learned = _without_them(parts, base, _fewer(choice, [*ends], base, parts), rules, where, patience)
         return _told_of(fewer, choice, ends, base, parts), learned
-    return _without_them(parts, base, choice, rules, where)
+    return _without_them(parts, base, choice, rules, where, patience)
 
 
 def _without_them(
-    parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str]
+    parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str], patience: Patience
 ) -> tuple[Choice, Beyond | None]:
     """What is to be said of names of which none asks for more than its law allows."""
     if level(choice.state, parts) <= AT_NOISE:
-        return form_rather_than_name(parts, base, choice, rules)
-    choice, learned = _beyond(parts, base, choice, rules, where)
+        return form_rather_than_name(parts, base, choice, rules, patience)
+    choice, learned = _beyond(parts, base, choice, rules, where, patience)
     if learned is None:
         return choice, None
     near = level(choice.state, parts) <= _NEAR_NOISE
@@ -70,7 +72,7 @@ def _without_them(
     gone = [n for n in choice.state.names if nothing_stays(learned.state, n, parts, at_least_only=corrected)]
     if not gone:
         return choice, learned
-    return _beyond(parts, base, _fewer(choice, gone, base, parts), rules, where)
+    return _beyond(parts, base, _fewer(choice, gone, base, parts), rules, where, patience)
 
 
 def _fewer(choice: Choice, gone: Sequence[str], base: State, parts: Split) -> Choice:
@@ -98,24 +100,24 @@ def outdone(before: Choice, best: State, base: State, parts: Split) -> Choice:
 
 
 def _beyond(
-    parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str]
+    parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str], patience: Patience
 ) -> tuple[Choice, Beyond | None]:
     held = parts.is_held
     whole, left = unexplained(base, held), unexplained(choice.state, held)
     most = max(share_left(base, choice.state, there) for there in (held, parts.is_train))
     if form_at_most(base, choice.state, parts):
-        fewer, corrected = _corrected_rather_than_named(parts, base, choice, rules)
+        fewer, corrected = _corrected_rather_than_named(parts, base, choice, rules, patience)
         if corrected is not None:
             return fewer, corrected
         near = level(choice.state, parts) <= _NEAR_NOISE
-        corrected = correction(choice.state, parts, rules) if near else None
+        corrected = correction(choice.state, parts, rules, patience) if near else None
         if corrected is not None and level(corrected.state, parts) <= AT_NOISE:
             return choice, corrected
-        reaction = one_reaction(base, choice.state, parts, rules)
+        reaction = one_reaction(base, choice.state, parts, rules, patience)
         if reaction is not None:
             return outdone(choice, choice.state, base, parts), reaction
-        return choice, corrected if near else closure(choice.state, parts, rules)
-    alone = closure(base, parts, rules, where)
+        return choice, corrected if near else closure(choice.state, parts, rules, patience=patience)
+    alone = closure(base, parts, rules, where, patience)
     if not choice.state.names:
         return choice, alone
     much = left > _MUCH * whole
@@ -124,10 +126,12 @@ def _beyond(
     allowed = _HALF if level(base, parts) > _NO_SCALE else _MUCH
     if better or (most > allowed and level(choice.state, parts) > _CLEARLY):
         return Choice(base, choice.ranking, {}, {}, given_up=(choice.state.names, most)), alone
-    return choice, closure(choice.state, parts, rules)
+    return choice, closure(choice.state, parts, rules, patience=patience)
 
 
-def form_rather_than_name(parts: Split, base: State, choice: Choice, rules: Evidence) -> tuple[Choice, Beyond | None]:
+def form_rather_than_name(
+    parts: Split, base: State, choice: Choice, rules: Evidence, patience: Patience = ENDLESS
+) -> tuple[Choice, Beyond | None]:
     """What is to be said when the names reach the noise: a last name that came where little was left is false if a
     correction of the form of the others' laws has more evidence in its place and predicts better. So are all where one
     asks for more than its law allows or acts at once, if a closure that is none of them predicts better, or for more
@@ -138,18 +142,18 @@ def form_rather_than_name(parts: Split, base: State, choice: Choice, rules: Evid
     never = impossible(choice.state, parts)
     ends |= {n: (*ends.get(n, ()), *what) for n, what in never.items()}
     where = balances(choice.state)
-    alone = in_place_of(base, choice.state, parts, rules, where, impossible=bool(never)) if ends else None
-    alone = alone or _instead_of_doubtful(base, choice.state, parts, rules)
-    alone = alone or one_reaction(base, choice.state, parts, rules)
+    alone = in_place_of(base, choice.state, parts, rules, where, patience, impossible=bool(never)) if ends else None
+    alone = alone or _instead_of_doubtful(base, choice.state, parts, rules, patience)
+    alone = alone or one_reaction(base, choice.state, parts, rules, patience)
     if alone is not None:
         return _told_of(Choice(base, choice.ranking, {}, {}, outdone=not ends), choice, ends, base, parts), alone
-    fewer, corrected = _corrected_rather_than_named(parts, base, choice, rules)
+    fewer, corrected = _corrected_rather_than_named(parts, base, choice, rules, patience)
     if corrected is None or not is_better(corrected.state, choice.state, parts, rules):
         return (replace(choice, overstretched=never) if never else choice), None
     return fewer, corrected
 
 
-def _instead_of_doubtful(base: State, state: State, parts: Split, rules: Evidence) -> Beyond | None:
+def _instead_of_doubtful(base: State, state: State, parts: Split, rules: Evidence, patience: Patience) -> Beyond | None:
     """A closure anywhere that explains the same as names one of which acts at once, and better; or as a single name of
     which a parameter stands at its end, where it has far more evidence too: that name may well be right, and of many
     closures the best one was taken.
@@ -157,12 +161,12 @@ def _instead_of_doubtful(base: State, state: State, parts: Split, rules: Evidenc
     at_once = bool(acting_at_once(state, parts))
     if not (at_once or (len(state.names) == 1 and strained(state))):
         return None
-    found = in_place_of(base, state, parts, rules, as_well=at_once)
+    found = in_place_of(base, state, parts, rules, patience=patience, as_well=at_once)
     return found if found is None or at_once or ahead(found.state, state, parts, rules) > _MANY * rules.bic else None
 
 
 def _corrected_rather_than_named(
-    parts: Split, base: State, choice: Choice, rules: Evidence
+    parts: Split, base: State, choice: Choice, rules: Evidence, patience: Patience
 ) -> tuple[Choice, Beyond | None]:
     """The names but the last, and a correction of their laws, where they leave little, at most 4 times the noise; no
     correction where the last name does better. They may leave up to a tenth of the held-out misfit, in place of a
@@ -176,7 +180,7 @@ def _corrected_rather_than_named(
     somewhat = level(state, parts) > AT_NOISE and share_left(base, fewer, held) <= _SOMEWHAT
     if not (little or somewhat) or level(fewer, parts) > _NEAR_NOISE:
         return choice, None
-    corrected = correction(fewer, parts, rules)
+    corrected = correction(fewer, parts, rules, patience)
     if corrected is None or unexplained(corrected.state, held) >= unexplained(state, held):
         return choice, None
     if not little and level(corrected.state, parts) > AT_NOISE:

@@ -26,8 +26,11 @@ def other_laws(state: State, name: str, split: Split, rules: Evidence, base: Sta
     """A mechanism just named, under its wider laws from where it stands: they start best from a narrower fit. And under
     narrower ones, which may have lost against it only by where their fits began. What does not reach the noise by them
     is fitted under every other law that comes near, unless out of ``patience``; nor, as nothing is fitted afresh, where
-    so much of the misfit of the ``base`` stays that another name is missing: beside that all are asked for their laws.
+    so much of the misfit of the ``base`` stays that another name is missing: beside that all are asked for their laws,
+    as they are in the end of several names that miss the noise, so that out of ``patience`` none is here.
     """
+    if len(state.names) > 1 and not at_noise(state, split) and patience.over():
+        return state
     setup = state.setup
     m = setup.structure.mechanism(name)
     free_now = set(m.free_parameters(m.laws.index(state.laws[name])))

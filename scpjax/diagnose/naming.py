@@ -78,7 +78,7 @@ class _Seeker:
 
     def by_curve(self, base: State, rival: State, parts: Split) -> Free | None:
         """One mechanism under a law of its own that does better than what does not reach the noise."""
-        if level(rival, parts) <= AT_NOISE:
+        if level(rival, parts) <= AT_NOISE or self.patience.late():
             return None
         self.tell("each mechanism under a law of its own", 0.3)
         return free_law(base, rival, parts, self.rules)
@@ -115,7 +115,7 @@ def find_names(
     notes = (*found.notes, *_together(choice))
     found = Found(*_settled(found.parts, found.base, choice, rules), notes=notes)
     found = _by_shorter_steps(found, search)
-    free = one_for_several(found.base, found.choice, found.parts, rules)
+    free = None if search.patience.late() else one_for_several(found.base, found.choice, found.parts, rules)
     if free is None:
         return found
     same = f"{' and '.join(found.choice.state.names)} together would predict the same as {free.names[0]} by its curve"

@@ -131,7 +131,7 @@ def _gone_on(
         rounds[-1].append(try_round(search, way, round_, tell))
         with meanwhile(partial(_for_more, search, rounds)):
             further += one_more(search, rounds[-1][-1])
-    if any(at_noise(b.state, split) for b in further):
+    if any(at_noise(b.state, split) for b in further) or search.patience.over():
         return further, []
     tell("what may differ by recording", round_)
     with_room = [b for found in rounds[-1] for b in with_own_room(search, found)]

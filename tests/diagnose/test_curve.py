@@ -17,6 +17,7 @@ from scpjax.diagnose.curve import CURVES, Curve, bend
 from scpjax.diagnose.distil import distilled
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.hypothesis import State, residual_on, trial_at
+from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.remainder import level
 from scpjax.diagnose.trials import integrable
 from scpjax.fit.setup import carry
@@ -150,7 +151,9 @@ def test_a_curve_is_learned_drawn_and_distilled(tmp_path):
     found = bend(base, parts, Evidence(), ["thermoelectric"])
     assert found is not None
     assert level(found.state, parts) < 1.15
-    said = answer(parts, base, Choice(base, (), {}, {}), found, binned, lacking, notes=(), seconds=0.0, settings={})
+    said = answer(
+        parts, base, Choice(base, (), {}, {}), found, binned, lacking, notes=(), patience=Patience(), settings={}
+    )
     closure = said.closure
     assert closure is not None
     assert closure.subsystem == "thermoelectric"

@@ -1,5 +1,6 @@
 """A name chosen before the rest was known gives way to one that does better beside it, and is told with its equals."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -86,12 +87,12 @@ def swaps(monkeypatch):
 @pytest.mark.parametrize(("square", "tried"), [(1.5, True), (1.8, False)])
 def test_out_of_patience_names_near_the_noise_are_exchanged(swaps, monkeypatch, square, tried):
     monkeypatch.setattr(exchange, "at_noise", lambda s, split, level=1.05: square < level)
-    exchanged(chosen(("a", "e"), 100.0), None, None, Evidence(), CATALOGUE, Patience(0.0))  # type: ignore[arg-type]
+    exchanged(chosen(("a", "e"), 100.0), None, None, Evidence(), CATALOGUE, Patience(0.0, math.inf))  # type: ignore[arg-type]
     assert bool(swaps.tried) == tried
 
 
 def test_out_of_patience_only_names_near_the_noise_are_exchanged(swaps, monkeypatch):
-    choice, patience = chosen(("a", "e"), 100.0), Patience(0.0)
+    choice, patience = chosen(("a", "e"), 100.0), Patience(0.0, math.inf)
     exchanged(choice, None, None, Evidence(), CATALOGUE, patience)  # type: ignore[arg-type]
     assert swaps.tried
     assert not patience.ended
@@ -163,7 +164,7 @@ def test_out_of_patience_every_name_is_still_asked_for_its_law_once(swaps, monke
         return again(s, s.cost - 10.0)
 
     monkeypatch.setattr(exchange, "under_every_law", under_every_law)
-    patience = Patience(0.0)
+    patience = Patience(0.0, math.inf)
     found = exchanged(chosen(("a", "e"), 100.0), None, None, Evidence(), CATALOGUE, patience)  # type: ignore[arg-type]
     assert asked == ["a", "e"]
     assert found.state.cost == 80.0

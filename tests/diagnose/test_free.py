@@ -17,6 +17,7 @@ from scpjax.diagnose.evidence import Evidence, at_its_least, compare
 from scpjax.diagnose.expression import in_words
 from scpjax.diagnose.free import free_law, named_by, nameless, one_for_several
 from scpjax.diagnose.hypothesis import State
+from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.remainder import level
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import Outcome, added, rivals
@@ -86,7 +87,7 @@ def test_what_no_mechanism_is_and_predicts_the_same_as_a_single_name_is_told():
     rivals_ = rivals(Outcome(base, named.state, None, (), {}, {in_words(c): c.state for c in found}), parts)
     assert list(rivals_)[:2] == ["nonlinear_heat_loss", in_words(found[0])]
     binned, lacking = lacking_in(base, parts)
-    told = answer(parts, base, named, None, binned, lacking, as_well=found, notes=(), seconds=0.0, settings={})
+    told = answer(parts, base, named, None, binned, lacking, as_well=found, notes=(), patience=Patience(), settings={})
     assert "heat lost = T s(x)" in told.to_json()["mechanisms"][0]["as_well"]
     softens = Choice(added(base, "thermal_softening", parts), (), {}, {})
     assert nameless(base, softens, parts, Evidence()) == (), "it does not reach the noise"
@@ -113,7 +114,7 @@ def test_a_drive_that_reaches_the_wire_by_a_law_of_its_own_goes_by_the_nearest_n
         assert choice.free == near
         assert set(choice.equivalents[near]) | {near} >= {"supply_sag", "drive_dead_zone"}
     binned, lacking = lacking_in(base, parts)
-    said = answer(parts, base, choice, free.curve, binned, lacking, notes=(), seconds=0.0, settings={})
+    said = answer(parts, base, choice, free.curve, binned, lacking, notes=(), patience=Patience(), settings={})
     assert said.closure is not None
     assert "which can take up a straight part of it" in said.says
     assert said.closure.expression in said.says

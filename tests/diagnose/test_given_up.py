@@ -15,6 +15,7 @@ from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.given_up import beyond_names
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
+from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.remainder import form_at_most, level
 from scpjax.diagnose.rivals import added
 
@@ -28,7 +29,7 @@ def test_names_that_explain_less_than_a_closure_are_not_given():
     choice, learned = beyond_names(parts, base, forced, Evidence(), ["thermoelectric"])
     assert choice.state.names == ()
     assert learned is not None
-    said = answer(parts, base, choice, learned, binned, lacking, notes=(), seconds=0.0, settings={})
+    said = answer(parts, base, choice, learned, binned, lacking, notes=(), patience=Patience(), settings={})
     assert said.verdict == "unexplained"
     assert said.mechanisms == ()
     assert said.closure is not None
@@ -70,7 +71,7 @@ def test_names_that_leave_much_are_given_up_and_told_of_as_nearest(monkeypatch, 
     base = with_excess(base, 1.0 + (far**2 - 1.0) / leaves)
     named = with_excess(named, far**2)
     closed = None if alone is None else SimpleNamespace(state=with_excess(base, 1.0 + alone * (far**2 - 1.0) / leaves))
-    monkeypatch.setattr(given_up, "closure", lambda state, *_: closed if state is base else None)
+    monkeypatch.setattr(given_up, "closure", lambda state, *_, **__: closed if state is base else None)
     choice, learned = beyond_names(parts, base, Choice(named, (), {"ambient_drift": 1.0}, {}), Evidence(), ["sensor"])
     assert (choice.state is named) == stays
     if stays:
@@ -89,7 +90,7 @@ def test_names_that_leave_much_of_what_they_were_fitted_to_are_given_up_too(monk
     square = np.where(parts.is_held, 1.0 + 900.0 * held, np.where(parts.is_train, 1.0 + 900.0 * fitted, 0.0))
     named = replace(named, residual=np.sqrt(square))
     base = replace(base, residual=np.full_like(base.residual, np.sqrt(901.0)))
-    monkeypatch.setattr(given_up, "closure", lambda *_: None)
+    monkeypatch.setattr(given_up, "closure", lambda *_, **__: None)
     choice, _ = beyond_names(parts, base, Choice(named, (), {"ambient_drift": 1.0}, {}), Evidence(), ["sensor"])
     assert (choice.state is named) == stays
     assert choice.given_up == (((), 0.0) if stays else (("ambient_drift",), pytest.approx(0.47)))
@@ -106,7 +107,9 @@ def test_names_that_leave_little_are_corrected_in_their_balance_near_the_noise(m
     assert form_at_most(base, named, parts)
     asked = []
     monkeypatch.setattr(given_up, "acting_at_once", lambda *_: ())
-    monkeypatch.setattr(beyond, "form", lambda state, _parts, _rules, where: asked.append((state, list(where))))
+    monkeypatch.setattr(
+        beyond, "form", lambda state, _parts, _rules, where, _patience: asked.append((state, list(where)))
+    )
     monkeypatch.setattr(beyond, "reacting", lambda *_: None)
     choice, learned = beyond_names(parts, base, Choice(named, (), {}, {}), Evidence(), ["sensor"])
     assert choice.state is named
@@ -122,7 +125,7 @@ def test_far_from_the_noise_a_reaction_alone_comes_before_a_closure_beyond_the_n
     reaction = SimpleNamespace(state=named)
     monkeypatch.setattr(given_up, "acting_at_once", lambda *_: ())
     monkeypatch.setattr(given_up, "one_reaction", lambda *_: reaction)
-    monkeypatch.setattr(given_up, "closure", lambda *_: pytest.fail("asked for a closure"))
+    monkeypatch.setattr(given_up, "closure", lambda *_, **__: pytest.fail("asked for a closure"))
     choice, learned = beyond_names(parts, base, Choice(named, (), {"ambient_drift": 1.0}, {}), Evidence(), ["sensor"])
     assert learned is reaction
     assert not choice.state.names
@@ -133,7 +136,7 @@ def test_a_name_of_which_nothing_stays_beside_the_closure_is_taken_out(monkeypat
     named = added(added(base, "ambient_drift", parts), "sensor_lag", parts)
     learned = SimpleNamespace(state=named)
     monkeypatch.setattr(given_up, "acting_at_once", lambda *_: ())
-    monkeypatch.setattr(given_up, "closure", lambda *_: learned)
+    monkeypatch.setattr(given_up, "closure", lambda *_, **__: learned)
     monkeypatch.setattr(given_up, "_CLEARLY", np.inf)
     monkeypatch.setattr(given_up, "_FAR_BETTER", 0.0)
     monkeypatch.setattr(doubtful, "at_its_least", lambda state, name: name == "sensor_lag" and name in state.names)
@@ -164,7 +167,7 @@ def test_a_name_that_the_data_do_not_tell_from_none_beside_the_closure_is_taken_
     trial = setup.trial(values, np.asarray(named.trial.active), np.asarray(named.trial.laws), len(named.trial.index))
     learned = SimpleNamespace(state=replace(named, trial=trial))
     monkeypatch.setattr(given_up, "acting_at_once", lambda *_: ())
-    monkeypatch.setattr(*((beyond, "form") if corrects else (given_up, "closure")), lambda *_: learned)
+    monkeypatch.setattr(*((beyond, "form") if corrects else (given_up, "closure")), lambda *_, **__: learned)
     monkeypatch.setattr(given_up, "_CLEARLY", np.inf)
     monkeypatch.setattr(given_up, "_FAR_BETTER", 0.0)
     monkeypatch.setattr(given_up, "form_at_most", lambda *_: corrects)
@@ -202,10 +205,10 @@ def test_a_small_last_name_gives_way_to_a_correction_that_does_better(
     for room in (remainder, given_up):
         monkeypatch.setattr(room, "unexplained", lambda s, there: s.left)
     monkeypatch.setattr(given_up, "level", lambda s, parts: {id(corrected): comes_to, id(both): named}.get(id(s), 2.0))
-    monkeypatch.setattr(given_up, "correction", lambda s, parts, rules: SimpleNamespace(state=corrected))
+    monkeypatch.setattr(given_up, "correction", lambda *_: SimpleNamespace(state=corrected))
     parts = SimpleNamespace(is_held=None)
     choice = Choice(both, (), {"a": 0.9, "b": 0.8}, {"a": (), "b": ("c",)})  # type: ignore[arg-type]
-    found, learned = given_up._corrected_rather_than_named(parts, base, choice, Evidence())  # type: ignore[arg-type]
+    found, learned = given_up._corrected_rather_than_named(parts, base, choice, Evidence(), Patience())  # type: ignore[arg-type]
     assert found.state.names == kept
     assert set(found.probability) == set(found.equivalents) == set(kept)
     assert (learned is not None) == (kept == ("a",))
@@ -228,7 +231,7 @@ def test_a_law_of_another_form_is_named_and_corrected():
     assert learned is not None
     assert learned.state.setup.structure.mechanisms[-1].name in ("learned_heat", "learned_heat_curve")
     assert level(learned.state, parts) < level(named, parts)
-    said = answer(parts, base, choice, learned, binned, lacking, notes=(), seconds=0.0, settings={})
+    said = answer(parts, base, choice, learned, binned, lacking, notes=(), patience=Patience(), settings={})
     assert said.verdict == ("explained" if level(learned.state, parts) <= 1.15 else "unexplained")
     assert said.mechanisms[0].probability == pytest.approx(0.99 * TRUSTED[said.verdict])
     assert said.closure is not None

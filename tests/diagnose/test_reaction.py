@@ -12,6 +12,7 @@ from scpjax.diagnose.answer import _nearest, answer
 from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.given_up import beyond_names, form_rather_than_name
+from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.reaction import Reaction
 from scpjax.diagnose.remainder import AT_NOISE, level
 from scpjax.diagnose.rivals import added
@@ -59,7 +60,7 @@ def test_heat_that_is_used_up_is_learned_in_its_units(drying):
     assert isinstance(learned, Reaction)
     assert level(learned.state, parts) < AT_NOISE
     binned, lacking = lacking_in(base, parts)
-    said = answer(parts, base, choice, learned, binned, lacking, notes=(), seconds=0.0, settings={})
+    said = answer(parts, base, choice, learned, binned, lacking, notes=(), patience=Patience(), settings={})
     assert said.verdict == "unexplained"
     assert said.location.subsystem == "thermoelectric"
     without, with_it = (float(x) for x in re.findall(r"misfit is ([\d.]+) times the noise", said.says))
@@ -95,7 +96,7 @@ def test_it_stands_in_place_of_several_names_that_it_does_better_than(drying):
         "place explains the same, and better",
     )
     binned, lacking = lacking_in(base, parts)
-    said = answer(parts, base, choice, learned, binned, lacking, notes=(), seconds=0.0, settings={})
+    said = answer(parts, base, choice, learned, binned, lacking, notes=(), patience=Patience(), settings={})
     assert said.verdict == "unexplained"
     others = '"heat loss grows faster than the temperature" with "a sensor drifts"'
     assert f"explains it better than {others} would: " in said.says

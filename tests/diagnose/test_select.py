@@ -41,6 +41,20 @@ def test_patience_ends_when_it_is_over():
     assert later.notes() == ()
 
 
+def test_what_comes_after_the_search_is_cut_short_half_as_much_later(monkeypatch):
+    clock = iter([0.0, 59.0, 61.0, 89.0, 91.0])
+    monkeypatch.setattr("time.monotonic", lambda: next(clock))
+    patience = Patience(60.0)
+    assert not patience.over()
+    assert patience.over()
+    assert not patience.late()
+    assert len(patience.notes()) == 1
+    assert patience.late()
+    ended, cut = patience.notes()
+    assert "1 minute," in ended
+    assert "after 1.5 minutes" in cut
+
+
 def test_where_it_ends_away_from_the_noise_another_way_is_gone(monkeypatch):
     """``a`` imitates what ``b`` and ``c`` do together."""
     asked = played(monkeypatch, {"a": 500.0, "b": 900.0, "ac": 300.0, "bc": 1.0})
