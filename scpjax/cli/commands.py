@@ -132,7 +132,8 @@ def _patience(parser: argparse.ArgumentParser, of: str = "") -> None:
         metavar="M",
         type=_minutes,
         help=f"after which no other names are sought{of} where none has reached the noise, a second one apart "
-        f"(default: {MINUTES:g})",
+        f"(default: {MINUTES:g}); half as long after it, and a minute at least, nothing is begun that the answer can "
+        "do without; an experiment (--next) comes on top",
     )
 
 

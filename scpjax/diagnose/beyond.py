@@ -38,16 +38,12 @@ def closure(
     noise what has more evidence, else what predicts better; None where neither is better than none. Here and below
     nothing is begun any more once it is late by ``patience``.
     """
-    reaction = _reacting(state, parts, rules, patience) if not where or "thermoelectric" in where else None
+    reaction = reacting(state, parts, rules, patience) if not where or "thermoelectric" in where else None
     found = [f for f in (form(state, parts, rules, where, patience), reaction) if f is not None]
     whole = [f for f in found if level(f.state, parts) <= AT_NOISE]
     if whole:
         return max(whole, key=lambda f: ahead(f.state, state, parts, rules))
     return min(found, key=lambda f: unexplained(f.state, parts.is_held), default=None)
-
-
-def _reacting(state: State, parts: Split, rules: Evidence, patience: Patience) -> Reaction | None:
-    return None if patience.late() else reacting(state, parts, rules)
 
 
 def form(
@@ -74,7 +70,6 @@ def in_place_of(
     parts: Split,
     rules: Evidence,
     where: Sequence[str] = (),
-    patience: Patience = ENDLESS,
     *,
     as_well: bool = False,
     impossible: bool = False,
@@ -89,9 +84,9 @@ def in_place_of(
         enough = impossible or (as_well and ahead(s, state, parts, rules) > 0.0)
         return mine < its or (enough and mine < its + rules.held_out)
 
-    found: list[Beyond | None] = [f(base, parts, rules, where, patience) for f in (bend, learn)]
+    found: list[Beyond | None] = [f(base, parts, rules, where) for f in (bend, learn)]
     if not where or "thermoelectric" in where:
-        found.append(_reacting(base, parts, rules, patience))
+        found.append(reacting(base, parts, rules))
     able = [
         f
         for f in found
@@ -110,7 +105,7 @@ def one_reaction(
     several = len(state.names) > 1 or level(state, parts) > AT_NOISE
     if not several or not acting <= {*_HEATED} or "thermoelectric" not in map(balance_of, acting):
         return None
-    found = _reacting(base, parts, rules, patience)
+    found = reacting(base, parts, rules, patience)
     if found is None or level(found.state, parts) > AT_NOISE or not is_better(found.state, state, parts, rules):
         return None
     return found

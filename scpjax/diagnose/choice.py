@@ -18,7 +18,8 @@ class Choice:
     ``given_up``: names that came nearest and are none, and the share of the misfit that they left; ``overstretched``:
     those of them that asked for more than their laws or nature allow, and of which parameters, or of what; ``outdone``:
     something learned explains what they do, and better. ``free``: the name of a mechanism that a learned curve is,
-    which the hypothesis does not hold. ``settled``: every name was set against what could stand in its place.
+    which the hypothesis does not hold. ``settled``: every name was set against what could stand in its place,
+    as far as there was time.
     ``rang``: what was learned beyond it, or in its place, was left out, as it rings within the bins. ``together``: two
     names that were tried at once in place of one.
     """

@@ -16,7 +16,7 @@ import numpy as np
 from scpjax.diagnose.evidence import Comparison, Evidence, compare
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, grown, laws_of
-from scpjax.diagnose.patience import ENDLESS, Patience
+from scpjax.diagnose.patience import ENDLESS, WHAT_NO_NAME_EXPLAINS, Patience
 from scpjax.diagnose.remainder import at_noise
 from scpjax.diagnose.trials import fit_leading, integrable
 from scpjax.fit.identifiability import uncertainty
@@ -62,7 +62,7 @@ def learn(
 
     ``subsystems``: where it may stand; anywhere when none is given. No terms are added late by ``patience``.
     """
-    if patience.late():
+    if state.setup.structure.system or patience.late(WHAT_NO_NAME_EXPLAINS):  # its states have no terms here
         return None
     make_room()
     problem = _with_terms(state.setup, subsystems)
@@ -78,7 +78,7 @@ def learn(
         if found is None:
             break
         current, chosen, instead = found
-        if at_noise(current, split, 1.1) or patience.late():
+        if at_noise(current, split, 1.1) or patience.late(WHAT_NO_NAME_EXPLAINS):
             break
     if not chosen:
         return None
@@ -108,8 +108,6 @@ def _with_terms(setup: Setup, subsystems: Sequence[str]) -> Setup:
 
 def _possible(setup: Setup, m: Mechanism) -> bool:
     s = setup.structure
-    if s.system:  # its states have no terms here
-        return False
     return {"thermal": s.thermal, "mechanical": s.mechanical, "": True}[m.needs[0] if m.needs else ""]
 
 

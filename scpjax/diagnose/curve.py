@@ -20,7 +20,7 @@ from scpjax.compiled import quickly_compiled
 from scpjax.diagnose.evidence import Comparison, Evidence, are_alike, compare
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, grown, laws_of
-from scpjax.diagnose.patience import ENDLESS, Patience
+from scpjax.diagnose.patience import ENDLESS, WHAT_NO_NAME_EXPLAINS, Patience
 from scpjax.diagnose.trials import fit_leading, integrable
 from scpjax.fit.data import Data
 from scpjax.fit.problem import CEILING, Space, Trial, by_recording, initial_state, unpack
@@ -103,7 +103,7 @@ def bend(
     ``subsystems``: where it may stand; anywhere when none is given. The best with few pieces is given more if they
     predict the held-out stretches better. None is begun late by ``patience``.
     """
-    if patience.late():
+    if state.setup.structure.system or patience.late(WHAT_NO_NAME_EXPLAINS):
         return None
     return best_of(curves(state, split, rules, subsystems), state, split, rules)
 

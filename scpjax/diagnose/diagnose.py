@@ -41,7 +41,8 @@ class DiagnoseOptions:
     """``evidence``: what it takes to be named. ``order``, ``substeps``, ``bin`` of the simulation as of a fit.
     ``next``: limits within which an experiment is designed that separates what is left close (None: none is).
     ``patience``: seconds after which no other explanation is sought where none has reached the noise, a second name
-    apart; after half as many more nothing else is begun that the answer can do without."""
+    apart; after half as many more (a minute at least) nothing else is begun that the answer can do without. An
+    experiment (``next``) comes on top."""
 
     evidence: Evidence = field(default_factory=Evidence)
     order: int = 2
@@ -91,7 +92,7 @@ def diagnose(
     lacking = missing(misfit)
     choice, learned, swing = _beyond(found, misfit, lacking, rules, patience, tell)
     tell("what outside the catalogue would do as well", 0.8)
-    as_well = nameless(base, choice, parts, rules) if learned is None and not patience.late() else ()
+    as_well = nameless(base, choice, parts, rules, patience) if learned is None else ()
     tell("fitting the chosen model to all data", 0.85)
     told = answer(
         parts,
@@ -146,9 +147,9 @@ def _beyond(
         choice, learned = replace(stay, rang=True), None
     best = learned.state if learned is not None else choice.state
     nothing = nothing_explains(base, choice, learned, parts)
-    if not (nothing or choice.free or level(best, parts) > AT_NOISE) or patience.late():
+    if not (nothing or choice.free or level(best, parts) > AT_NOISE):
         return choice, learned, None
-    swing, by_swing = _repeating(misfit, lacking, base, parts, rules)
+    swing, by_swing = _repeating(misfit, lacking, base, parts, rules, patience)
     if nothing:
         return choice, by_swing or learned, swing
     if by_swing is None or not is_better(by_swing.state, best, parts, rules):
@@ -157,7 +158,7 @@ def _beyond(
 
 
 def _repeating(
-    misfit: Misfit, lacking: Sequence[Latent], base: State, parts: Split, rules: Evidence
+    misfit: Misfit, lacking: Sequence[Latent], base: State, parts: Split, rules: Evidence, patience: Patience
 ) -> tuple[Rhythm | None, Swing | None]:
     """What repeats in the misfit, with time or with the displacement, and the model of it where one does better.
 
@@ -167,9 +168,11 @@ def _repeating(
     in_time, in_place = rhythms(misfit, lacking), ripple(misfit, base.setup.structure.pulley_radius or 1.0)
     if in_place is not None and not (in_time and in_time[0].share >= in_place.share):
         in_time = [in_place]
-    found = [(swing, swinging(base, parts, rules, swing)) for swing in in_time]
-    if not found:
+    if not in_time:
         return None, None
+    if patience.late("a model of what swings"):
+        return in_time[0], None
+    found = [(swing, swinging(base, parts, rules, swing)) for swing in in_time]
     swing, by_swing = next((f for f in found if f[1] is not None), found[0])
     if by_swing is None:
         return swing, None

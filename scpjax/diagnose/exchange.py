@@ -30,6 +30,8 @@ _HOPELESS = 4.0  # sum of squares, in units of that of what it should replace, f
 _NEAR = 1.3**2  # mean square, in units of the noise's, up to which names are near it
 _PROMISE = 0.3  # of what the name promises beside the others, which one that is tried must promise at least
 
+_EXCHANGE = "names set against what could stand in their place"
+
 
 def exchanged(
     choice: Choice, base: State, split: Split, rules: Evidence, catalogue: Setup, patience: Patience | None = None
@@ -70,7 +72,7 @@ def _laws_again(state: State, split: Split, rules: Evidence, patience: Patience)
         before = state
         for name in state.names:
             amiss = _is_far(state, split) or strained(state)
-            if (at_noise(state, split) and not amiss) or (turn and (not amiss or patience.over())) or patience.late():
+            if (at_noise(state, split) and not amiss) or (turn and (not amiss or patience.over())):
                 return state
             other = (under_every_law if amiss and not patience.over() else in_a_hurry)(state, name, split)
             if is_better(other, state, split, rules):
@@ -96,7 +98,7 @@ def _each_exchanged(
 
     for name in choice.state.names:
         state = choice.state
-        if len(state.names) < 2 or patience.late():
+        if len(state.names) < 2 or patience.late(_EXCHANGE):
             break
         if name not in state.names:
             continue
@@ -109,7 +111,7 @@ def _each_exchanged(
         found: dict[str, State] = {name: state}
         others = in_its_place(name, bare, choice.ranking, split, rules, catalogue, far=far)
         tried = ([name] if far else []) + [o for o in others if (name, o) not in hopeless]
-        beside = partial(_beside, bare, state=state, base=base, split=split, rules=rules)
+        beside = partial(_beside, bare, state=state, base=base, split=split, rules=rules, patience=patience)
         for other, beside_it in zip(tried, abreast(beside, tried), strict=True):
             after = beside_it
             if after is None or after.cost > _HOPELESS * state.cost:
@@ -136,10 +138,14 @@ def _each_exchanged(
     return choice
 
 
-def _beside(bare: State, other: str, *, state: State, base: State, split: Split, rules: Evidence) -> State | None:
+def _beside(
+    bare: State, other: str, *, state: State, base: State, split: Split, rules: Evidence, patience: Patience
+) -> State | None:
     """The other names with one more, fitted afresh, under the law that fits best, or where that is not better than
-    ``state`` under one by which it predicts the same; None where every fit blew up.
+    ``state`` under one by which it predicts the same; None where every fit blew up, or late by ``patience``.
     """
+    if patience.late(_EXCHANGE):
+        return None
     found = [*by_law(bare, other, split, close=np.inf).values()]
     if not found:
         return None

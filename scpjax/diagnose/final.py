@@ -37,22 +37,26 @@ def resolved(state: State, parts: Split, patience: Patience = ENDLESS) -> tuple[
 
     Where what acts on the force has states of its own, such as hysteresis, a step as long as a sample may err by more
     than the noise, and parameters fitted with it make up for that only under drives like those given. Late by
-    ``patience`` they are left as long as they are.
+    ``patience`` nothing is refitted, and the note is of that.
     """
-    if not any(m.may_need_short_steps for m in state.setup.structure.mechanisms) or patience.late():
+    if not any(m.may_need_short_steps for m in state.setup.structure.mechanisms):
         return parts, state, ()
     sigma, space = np.asarray(parts.whole.sigma), state.setup.space
     there = np.where(np.asarray(parts.whole.weights) > 0, 1.0, 0.0)
-    factor, coarse, off = 1, np.asarray(outputs_of(state.trial, parts.whole, space)), 0.0
+    factor, first, coarse, off = 1, 0.0, np.asarray(outputs_of(state.trial, parts.whole, space)), 0.0
     while factor < _FINEST:
         fine = np.asarray(outputs_of(state.trial, parts.whole.finer(2 * factor), space))
         change = np.sum(there * ((fine - coarse) / sigma) ** 2, axis=(0, 1)) / np.maximum(there.sum(axis=(0, 1)), 1)
         off = float(np.sqrt(np.max(change)))
+        first = first or off
         if off < _RESOLVED:
             break
         factor, coarse = 2 * factor, fine
     if factor == 1:
         return parts, state, ()
+    if patience.late("the last fit by shorter steps"):
+        blown = np.any(np.abs(residual_on(state.trial, parts.whole.finer(factor), state.setup)) >= CEILING)
+        return parts, state, (_UNSTABLE if blown else _UNRESOLVED.format(parts=1, off=first),)
     notes = () if off < _RESOLVED else (_UNRESOLVED.format(parts=factor, off=off),)
     finer, refitted = fitted_finer(state, parts, factor)
     return (parts, state, (_UNSTABLE,)) if refitted is None else (finer, refitted, notes)
@@ -81,15 +85,18 @@ def fitted_to_all(parts: Split, state: State, patience: Patience = ENDLESS) -> t
     setup, there = state.setup, parts.is_train | parts.is_held
     white = Whitener.learn(state.residual, there)
     trial, _, _ = refine(setup, parts.whole, state.trial)
-    if white.is_white or patience.late():
+    filter_ = "the last fits' filter for coloured residuals"
+    if white.is_white or patience.late(filter_):
         return trial, parts.whole
     uncoloured = trial
     trained, _, _ = refine(setup, parts.train.with_colour(white.colour), state.trial)
     plain, filtered = (white(r, parts.is_held)[0] for r in (state.residual, residual_on(trained, parts.whole, setup)))
-    if filtered > plain * (1 + 1e-3):
+    if filtered > plain * (1 + 1e-3) or patience.late(filter_):
         return trial, parts.whole
     data = parts.whole
-    for _ in range(2):
+    for turn in range(2):
+        if turn and patience.late(filter_):
+            break
         data = parts.whole.with_colour(white.colour)
         trial, _, _ = refine(setup, data, trial)
         white = Whitener.learn(residual_on(trial, parts.whole, setup), there)

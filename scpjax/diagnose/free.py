@@ -16,6 +16,7 @@ from scpjax.diagnose.curve import Curve, curves, finer, forms_named
 from scpjax.diagnose.evidence import EQUIVALENTS, Evidence, ahead, are_equal, chance_against, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
+from scpjax.diagnose.patience import ENDLESS, Patience
 from scpjax.diagnose.remainder import AT_NOISE, level
 from scpjax.fit.setup import Setup, what_there_is
 from scpjax.physics.catalogue import applicable, mechanism
@@ -58,13 +59,15 @@ def free_law(base: State, rival: State, split: Split, rules: Evidence) -> Free |
     return Free(best, tuple(names)[: EQUIVALENTS + 1], chance_against(best.state, rival, split, rules))
 
 
-def one_for_several(base: State, choice: Choice, split: Split, rules: Evidence) -> Free | None:
+def one_for_several(
+    base: State, choice: Choice, split: Split, rules: Evidence, patience: Patience = ENDLESS
+) -> Free | None:
     """One mechanism under a law of its own that predicts what several named ones do, all of which a curve in a balance
-    could be; None where none does. It is as likely as the least likely of them.
+    could be; None where none does, or late by ``patience``. It is as likely as the least likely of them.
     """
     state = choice.state
     where = {subsystem for n in state.names for subsystem in _where(n) or ("",)}
-    if len(state.names) < 2 or len(where) > 1 or "" in where:
+    if len(state.names) < 2 or len(where) > 1 or "" in where or patience.late("one name in place of several"):
         return None
     names_of = partial(named_by, setup=base.setup)
     able = curves(base, split, rules, [*where], allowed=lambda form: bool(names_of(form)))
@@ -77,15 +80,18 @@ def one_for_several(base: State, choice: Choice, split: Split, rules: Evidence) 
     return Free(best, tuple(names)[: EQUIVALENTS + 1], min(choice.probability[n] for n in state.names))
 
 
-def nameless(base: State, choice: Choice, split: Split, rules: Evidence) -> tuple[Curve, ...]:
+def nameless(
+    base: State, choice: Choice, split: Split, rules: Evidence, patience: Patience = ENDLESS
+) -> tuple[Curve, ...]:
     """Terms that are no mechanism of the catalogue and predict what a single name at the noise does, in its balance: a
-    loss that grows with the contraction, where the contraction follows the temperature. None beside several names.
+    loss that grows with the contraction, where the contraction follows the temperature. None beside several names, or
+    late by ``patience``.
     """
     state = choice.state
     if len(state.names) != 1 or level(state, split) > AT_NOISE:
         return ()
     where = _where(state.names[0])
-    if not where:
+    if not where or patience.late("terms that would do as well as the name"):
         return ()
     names_of = partial(named_by, setup=base.setup)
     found = curves(base, split, rules, where, allowed=lambda form: not names_of(form) and form.variable != "time")

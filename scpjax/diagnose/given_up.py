@@ -36,7 +36,8 @@ def nothing_explains(base: State, choice: Choice, learned: Beyond | None, parts:
 def beyond_names(
     parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str], patience: Patience = ENDLESS
 ) -> tuple[Choice, Beyond | None]:
-    """What is to be said when the named mechanisms do not reach the noise; nothing is learned late by ``patience``.
+    """What is to be said when the named mechanisms do not reach the noise; nothing is learned late by
+    ``patience`` but what decides whether they are true.
 
     Names are false if a closure without them does far better on the held-out misfit, and explains nearly all of it or
     they leave much; or if they leave much, of that or of what they were fitted to, that stands clearly above the noise,
@@ -47,8 +48,7 @@ def beyond_names(
     the noise and it does not, is false if such a correction does better in its place, and so is one of which beside
     the closure nothing stays.
     """
-    little = form_at_most(base, choice.state, parts)
-    alone = _instead_of_doubtful(base, choice.state, parts, rules, patience) if little else None
+    alone = _instead_of_doubtful(base, choice.state, parts, rules) if form_at_most(base, choice.state, parts) else None
     if alone is not None:
         return outdone(choice, choice.state, base, parts), alone
     ends = asking_for_more(choice.state, parts)
@@ -72,7 +72,7 @@ def _without_them(
     gone = [n for n in choice.state.names if nothing_stays(learned.state, n, parts, at_least_only=corrected)]
     if not gone:
         return choice, learned
-    return _beyond(parts, base, _fewer(choice, gone, base, parts), rules, where, patience)
+    return _beyond(parts, base, _fewer(choice, gone, base, parts), rules, where, ENDLESS)  # as it was learned for all
 
 
 def _fewer(choice: Choice, gone: Sequence[str], base: State, parts: Split) -> Choice:
@@ -142,8 +142,8 @@ def form_rather_than_name(
     never = impossible(choice.state, parts)
     ends |= {n: (*ends.get(n, ()), *what) for n, what in never.items()}
     where = balances(choice.state)
-    alone = in_place_of(base, choice.state, parts, rules, where, patience, impossible=bool(never)) if ends else None
-    alone = alone or _instead_of_doubtful(base, choice.state, parts, rules, patience)
+    alone = in_place_of(base, choice.state, parts, rules, where, impossible=bool(never)) if ends else None
+    alone = alone or _instead_of_doubtful(base, choice.state, parts, rules)
     alone = alone or one_reaction(base, choice.state, parts, rules, patience)
     if alone is not None:
         return _told_of(Choice(base, choice.ranking, {}, {}, outdone=not ends), choice, ends, base, parts), alone
@@ -153,7 +153,7 @@ def form_rather_than_name(
     return fewer, corrected
 
 
-def _instead_of_doubtful(base: State, state: State, parts: Split, rules: Evidence, patience: Patience) -> Beyond | None:
+def _instead_of_doubtful(base: State, state: State, parts: Split, rules: Evidence) -> Beyond | None:
     """A closure anywhere that explains the same as names one of which acts at once, and better; or as a single name of
     which a parameter stands at its end, where it has far more evidence too: that name may well be right, and of many
     closures the best one was taken.
@@ -161,7 +161,7 @@ def _instead_of_doubtful(base: State, state: State, parts: Split, rules: Evidenc
     at_once = bool(acting_at_once(state, parts))
     if not (at_once or (len(state.names) == 1 and strained(state))):
         return None
-    found = in_place_of(base, state, parts, rules, patience=patience, as_well=at_once)
+    found = in_place_of(base, state, parts, rules, as_well=at_once)
     return found if found is None or at_once or ahead(found.state, state, parts, rules) > _MANY * rules.bic else None
 
 

@@ -78,7 +78,7 @@ class _Seeker:
 
     def by_curve(self, base: State, rival: State, parts: Split) -> Free | None:
         """One mechanism under a law of its own that does better than what does not reach the noise."""
-        if level(rival, parts) <= AT_NOISE or self.patience.late():
+        if level(rival, parts) <= AT_NOISE or self.patience.late("mechanisms under laws of their own"):
             return None
         self.tell("each mechanism under a law of its own", 0.3)
         return free_law(base, rival, parts, self.rules)
@@ -101,7 +101,7 @@ def find_names(
     """
     tell = progress or (lambda text, fraction: None)
     if base.setup.structure.system:
-        choice = choose_together(base, parts, rules, catalogue, progress=tell)
+        choice = choose_together(base, parts, rules, catalogue, progress=tell, patience=patience)
         return Found(*_settled(parts, base, choice, rules))
     search = _Seeker(catalogue, rules, max_steps, patience or Patience(), tell)
     found, free = _searched(search, base, parts)
@@ -109,13 +109,13 @@ def find_names(
         return replace(found, choice=free.choice(found.base, found.choice), curve=free.curve)
     choice = search.exchange(found.choice, found.base, found.parts)
     if len(choice.state.names) > 1:  # beside laws that were exchanged not every name need be missed
-        pruned = fewer(prune(choice.state, found.parts, rules, found.base), found.parts, rules)
+        pruned = fewer(prune(choice.state, found.parts, rules, found.base), found.parts, rules, search.patience)
         if pruned.names != choice.state.names:
             choice = replace(choice.with_only(pruned), settled=choice.settled)
     notes = (*found.notes, *_together(choice))
     found = Found(*_settled(found.parts, found.base, choice, rules), notes=notes)
     found = _by_shorter_steps(found, search)
-    free = None if search.patience.late() else one_for_several(found.base, found.choice, found.parts, rules)
+    free = one_for_several(found.base, found.choice, found.parts, rules, search.patience)
     if free is None:
         return found
     same = f"{' and '.join(found.choice.state.names)} together would predict the same as {free.names[0]} by its curve"
@@ -154,7 +154,7 @@ def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free |
 
     def mistimed(first: State) -> bool:
         nonlocal timed
-        timed = _mistimed(first, parts, base)
+        timed = None if search.patience.over() else _mistimed(first, parts, base)
         return timed is not None or wild_or_by_curve(first)
 
     some = bool(np.any(np.asarray(parts.whole.weights) != np.asarray(base.setup.data.weights)))
@@ -171,7 +171,7 @@ def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free |
         parts = parts.with_weights(np.where(wild, 0.0, parts.whole.weights))
         trial, _, _ = refine(base.setup, parts.train, base.trial)
         base, free = state_at(base.setup, parts, trial), None
-        if by_wild or search.patience.allows(time.monotonic() - began):
+        if (by_wild and not search.patience.over()) or search.patience.allows(time.monotonic() - began):
             notes = (*notes, f"{more} {choice.state.names[0]}, the first name tried")
             choice = search.choose(base, parts, by_curve)
         else:
@@ -187,13 +187,15 @@ def _by_shorter_steps(found: Found, search: _Seeker) -> Found:
     that takes them to the noise: by steps as long as the samples a law that is right may miss it.
     """
     parts, state = found.parts, found.choice.state
-    if not state.names or level(state, parts) <= AT_NOISE or search.patience.over():
+    if not state.names or level(state, parts) <= AT_NOISE:
         return found
-    fine, state, _ = resolved(state, parts)
+    if not any(m.may_need_short_steps for m in state.setup.structure.mechanisms) or search.patience.over():
+        return found
+    fine, state, _ = resolved(state, parts, search.patience)
     if fine is parts:
         return found
     search.tell("what is named, by shorter steps", 0.72)
-    state = afresh(state, fine)
+    state = state if level(state, fine) <= AT_NOISE or search.patience.over() else afresh(state, fine)
     for name in state.names:
         if level(state, fine) <= AT_NOISE or search.patience.over():
             break

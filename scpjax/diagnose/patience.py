@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 import time
 
-_LATE = 1.5  # times as long as is searched, unless told
+_LATE, _LEAST = 0.5, 60.0  # times as long as is searched, and seconds at least, that are left for what comes after it
 
 
 class Patience:
-    """``over()`` says whether ``seconds`` have passed since it was made; ``late()`` whether ``most`` have, half as many
-    more unless told. ``ended`` and ``cut_short`` tell whether either left anything.
+    """``over()`` says whether ``seconds`` have passed since it was made; ``late()`` whether ``most`` have: half as many
+    more, and a minute at least, unless told. ``ended`` and ``cut_short`` tell what either left.
     """
 
     def __init__(self, seconds: float = math.inf, most: float | None = None):
-        self.seconds, self.most = seconds, _LATE * seconds if most is None else most
-        self.ended, self.cut_short = False, False
+        self.seconds = seconds
+        self.most = seconds + max(_LATE * seconds, _LEAST) if most is None else most
+        self.ended = False
+        self.cut_short: dict[str, None] = {}  # in order
         self._began = time.monotonic()
 
     def passed(self) -> float:
@@ -29,11 +31,11 @@ class Patience:
         self.ended = True
         return True
 
-    def late(self) -> bool:
-        """Asked before each thing that comes after the search and may be left: it then is."""
+    def late(self, what: str) -> bool:
+        """Asked before each thing that comes after the search and may be left: it then is, which the user is told."""
         if self.passed() < self.most:
             return False
-        self.cut_short = True
+        self.cut_short[what] = None
         return True
 
     def allows(self, seconds: float) -> bool:
@@ -50,9 +52,8 @@ class Patience:
             )
         if self.cut_short:
             told += (
-                f"after {_minutes(self.most)} what was left to do was cut short: names set against what "
-                "could stand in their place, what no name explains, and how well the last fits are filtered and "
-                "resolved; --minutes gives all of it longer",
+                f"after {_minutes(self.most)} this was left out or cut short: {'; '.join(self.cut_short)}; --minutes "
+                "gives all of it longer",
             )
         return told
 
@@ -62,3 +63,4 @@ def _minutes(seconds: float) -> str:
 
 
 ENDLESS = Patience()
+WHAT_NO_NAME_EXPLAINS = "learning what no name explains"

@@ -11,6 +11,7 @@ from scpjax.diagnose.evidence import Comparison, Evidence, compare
 from scpjax.diagnose.expression import WHAT, of_base
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, grown, residual_on, starts_with
+from scpjax.diagnose.patience import ENDLESS, WHAT_NO_NAME_EXPLAINS, Patience
 from scpjax.diagnose.result import Closure, Drawn
 from scpjax.diagnose.trials import fit_leading
 from scpjax.fit.identifiability import Uncertainty
@@ -33,10 +34,12 @@ class Reaction:
     evidence: Comparison
 
 
-def reacting(state: State, split: Split, rules: Evidence) -> Reaction | None:
-    """The reaction beyond ``state``; None where none is better than none, or there is no heat balance for it."""
+def reacting(state: State, split: Split, rules: Evidence, patience: Patience = ENDLESS) -> Reaction | None:
+    """The reaction beyond ``state``; None where none is better than none, there is no heat balance for it, or it is
+    late by ``patience``.
+    """
     old = state.setup.structure
-    if old.system or not old.thermal:
+    if old.system or not old.thermal or patience.late(WHAT_NO_NAME_EXPLAINS):
         return None
     make_room()
     m = mechanism(_NAME)

@@ -126,6 +126,8 @@ def _gone_on(
     rounds.append([])
     further: list[Branch] = []
     for way in ways:
+        if further and search.patience.over():
+            break
         if any(at_noise(b.state, split) and {*way.state.names} < {*b.state.names} for b in further):
             continue  # it is part of what explains all
         rounds[-1].append(try_round(search, way, round_, tell))

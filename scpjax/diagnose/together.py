@@ -16,6 +16,7 @@ from scpjax.diagnose.choice import Choice, Progress
 from scpjax.diagnose.evidence import Comparison, Evidence, compare, equals, probabilities
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, grown, laws_of, moving, moving_parameters, starts_with, width
+from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.remainder import at_noise
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.trials import at_rest, fit_leading
@@ -26,6 +27,7 @@ from scpjax.physics.mechanism import Mechanism
 
 _KEPT = 4  # sets of each size
 _STEPS = 60
+_SURE = 2  # size of the sets that are tried however long it takes
 
 
 @dataclass(frozen=True)
@@ -55,13 +57,19 @@ def choose_together(
     *,
     most: int = 5,
     progress: Progress | None = None,
+    patience: Patience | None = None,
 ) -> Choice:
-    """The set of at most ``most`` mechanisms with most evidence, each of which is missed when it is taken out."""
+    """The set of at most ``most`` mechanisms with most evidence, each of which is missed when it is taken out; out of
+    ``patience`` of at most two.
+    """
+    patience = patience or Patience()
     task = _Task(base, split, rules, catalogue)
     candidates = [m for m in catalogue.structure.mechanisms if not m.is_base]
     beam = [_Set(frozenset(), base, compare(base, base, "", "", split, rules, 0))]
     seen: dict[frozenset[str], _Set] = {}
     for size in range(1, min(most, len(candidates)) + 1):
+        if size > _SURE and patience.over():
+            break
         if progress:
             progress(f"sets of {size}", 0.15 + 0.4 * (size - 1) / most)
         make_room()

@@ -156,7 +156,10 @@ def named(search: Search, found: Tried, c: Comparison) -> Branch:
     like = equals(c, found.accepted, way.state, split)
     state = afresh(c.state, split)
     state = other_laws(state, c.added, split, rules, search.base, search.patience)
-    state = prune(state, split, rules, search.base)
+    pruned = prune(state, split, rules, search.base)
+    if len(pruned.names) == 1 < len(state.names):  # beside others it may not have been asked for its law
+        pruned = other_laws(pruned, pruned.names[0], split, rules, search.base, search.patience)
+    state = pruned
     tried, own = way.tried | {c.added: found.tried}, {n: p for n, p in way.own.items() if n != c.added}
     return Branch(state, found.ranking, tried, own, way.equivalents | {c.added: like})
 

@@ -17,7 +17,6 @@ from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.expression import _instead
 from scpjax.diagnose.given_up import beyond_names, form_rather_than_name
 from scpjax.diagnose.hypothesis import State, grown, trial_at
-from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.remainder import AT_NOISE, level
 from scpjax.diagnose.rivals import added
 from scpjax.fit import identifiability
@@ -152,9 +151,9 @@ def test_a_delay_of_no_time_is_no_name_where_a_force_follows_the_drive(monkeypat
     for stretched, bic, outdone in (((), 30.0, False), (named.names, 20.0, False), (named.names, 30.0, True)):
         monkeypatch.setattr(given_up, "strained", lambda state, names=stretched: names)
         monkeypatch.setattr(given_up, "ahead", lambda *_, bic=bic: bic)
-        assert (given_up._instead_of_doubtful(base, named, parts, Evidence(), Patience()) is found) == outdone
+        assert (given_up._instead_of_doubtful(base, named, parts, Evidence()) is found) == outdone
     two = SimpleNamespace(names=("two_node_thermal", "creep"))  # of which one may make up for the other's law
-    assert given_up._instead_of_doubtful(base, two, parts, Evidence(), Patience()) is None  # type: ignore[arg-type]
+    assert given_up._instead_of_doubtful(base, two, parts, Evidence()) is None  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

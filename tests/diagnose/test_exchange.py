@@ -91,6 +91,14 @@ def test_out_of_patience_names_near_the_noise_are_exchanged(swaps, monkeypatch, 
     assert bool(swaps.tried) == tried
 
 
+def test_late_no_name_is_exchanged_which_is_told(swaps):
+    patience = Patience(0.0, 0.0)
+    found = exchanged(chosen(("a", "e"), 100.0), None, None, Evidence(), CATALOGUE, patience)  # type: ignore[arg-type]
+    assert found.state.names == ("a", "e")
+    assert swaps.tried == []
+    assert "names set against what could stand in their place" in patience.notes()[-1]
+
+
 def test_out_of_patience_only_names_near_the_noise_are_exchanged(swaps, monkeypatch):
     choice, patience = chosen(("a", "e"), 100.0), Patience(0.0, math.inf)
     exchanged(choice, None, None, Evidence(), CATALOGUE, patience)  # type: ignore[arg-type]

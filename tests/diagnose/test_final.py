@@ -12,6 +12,7 @@ from scpjax.diagnose import final
 from scpjax.diagnose.diagnose import _base
 from scpjax.diagnose.final import fitted_to_all, resolved
 from scpjax.diagnose.hypothesis import from_their_starts, grown, trial_at
+from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.trials import at_rest
 from scpjax.fit.colour import Whitener
 from scpjax.fit.data import Data
@@ -129,6 +130,15 @@ def test_where_no_steps_are_short_enough_it_says_so(monkeypatch):
     fine, _, notes = resolved(state, parts)
     assert fine.whole.bin == 2 * parts.whole.bin
     assert "2 steps a sample" in notes[0]
+
+
+def test_late_it_is_not_refitted_by_shorter_steps_and_says_what_they_would_change():
+    state, parts = fitted()
+    patience = Patience(0.0, 0.0)
+    fine, same, (note,) = resolved(state, parts, patience)
+    assert (fine, same) == (parts, state)
+    assert "with 1 steps a sample" in note
+    assert "the last fit by shorter steps" in patience.notes()[-1]
 
 
 def test_what_blows_up_by_shorter_steps_is_told_as_it_was_found(monkeypatch):

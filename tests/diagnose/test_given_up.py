@@ -15,7 +15,7 @@ from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.given_up import beyond_names
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
-from scpjax.diagnose.patience import Patience
+from scpjax.diagnose.patience import ENDLESS, Patience
 from scpjax.diagnose.remainder import form_at_most, level
 from scpjax.diagnose.rivals import added
 
@@ -136,7 +136,13 @@ def test_a_name_of_which_nothing_stays_beside_the_closure_is_taken_out(monkeypat
     named = added(added(base, "ambient_drift", parts), "sensor_lag", parts)
     learned = SimpleNamespace(state=named)
     monkeypatch.setattr(given_up, "acting_at_once", lambda *_: ())
-    monkeypatch.setattr(given_up, "closure", lambda *_, **__: learned)
+    waits: list[Patience] = []  # of the one beyond all names, and of the one beyond those that stay
+
+    def closure(*_, patience):
+        waits.append(patience)
+        return learned if len(waits) == 1 or patience is ENDLESS else None
+
+    monkeypatch.setattr(given_up, "closure", closure)
     monkeypatch.setattr(given_up, "_CLEARLY", np.inf)
     monkeypatch.setattr(given_up, "_FAR_BETTER", 0.0)
     monkeypatch.setattr(doubtful, "at_its_least", lambda state, name: name == "sensor_lag" and name in state.names)
@@ -148,7 +154,9 @@ def test_a_name_of_which_nothing_stays_beside_the_closure_is_taken_out(monkeypat
 
     monkeypatch.setattr(given_up, "without", taken_out)
     chosen = Choice(named, (), {"ambient_drift": 0.9, "sensor_lag": 0.8}, {"sensor_lag": ("creep",)})
-    choice, found = beyond_names(parts, base, chosen, Evidence(), ["thermoelectric"])
+    patience = Patience(3600.0)
+    choice, found = beyond_names(parts, base, chosen, Evidence(), ["thermoelectric"], patience)
+    assert waits[0] is patience
     assert asked[-1] == (("ambient_drift", "sensor_lag"), "sensor_lag")
     assert choice.state.names == ("ambient_drift",)
     assert choice.probability == {"ambient_drift": 0.9}

@@ -42,17 +42,22 @@ def test_patience_ends_when_it_is_over():
 
 
 def test_what_comes_after_the_search_is_cut_short_half_as_much_later(monkeypatch):
-    clock = iter([0.0, 59.0, 61.0, 89.0, 91.0])
-    monkeypatch.setattr("time.monotonic", lambda: next(clock))
-    patience = Patience(60.0)
+    patience, short = Patience(600.0), Patience(6.0)
+    passed = dict.fromkeys((patience, short), 0.0)
+    monkeypatch.setattr(Patience, "passed", lambda self: passed[self])
     assert not patience.over()
+    passed[patience] = 899.0
     assert patience.over()
-    assert not patience.late()
-    assert len(patience.notes()) == 1
-    assert patience.late()
-    ended, cut = patience.notes()
-    assert "1 minute," in ended
-    assert "after 1.5 minutes" in cut
+    assert not patience.late("closures")
+    assert [note[:40] for note in patience.notes()] == ["the search was ended after 10 minutes, aw"[:40]]
+    passed[patience] = 901.0
+    assert patience.late("closures")
+    assert patience.late("filters")
+    assert "after 15 minutes this was left out or cut short: closures; filters;" in patience.notes()[1]
+    passed[short] = 65.0
+    assert not short.late("closures"), "a minute is left at least"
+    passed[short] = 67.0
+    assert short.late("closures")
 
 
 def test_where_it_ends_away_from_the_noise_another_way_is_gone(monkeypatch):
