@@ -16,7 +16,7 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, moving
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.pruning import prune
-from scpjax.diagnose.remainder import FAR, at_noise
+from scpjax.diagnose.remainder import FAR, at_noise, leaves_much
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.screen import Promise, fresh, screen
@@ -38,8 +38,8 @@ def exchanged(
 ) -> Choice:
     """The choice with names in whose place another does better beside the rest, or predicts the same with fewer
     parameters, and as equivalents those that do as well; nothing for a single name, which its own round has compared.
-    Away from the noise no name is asked for out of ``patience``, unless they are near it: what they then are told as
-    may hang on what is as good in their place. Late by it none is.
+    Out of ``patience`` no name is asked for where they are given up in the end; where they are told, what they are told
+    as may hang on what does as well in their place. Late by it none is.
 
     Where they do not reach the noise, or a parameter stands at its limit, every name is asked for its law again first,
     where all stand, as it was chosen before the rest was known; away from it also beside the rest without it, and once
@@ -104,7 +104,7 @@ def _each_exchanged(
             continue
         far = _is_far(state, split)
         if far and patience.over():
-            if not at_noise(state, split, _NEAR):
+            if leaves_much(base, state, split) and not at_noise(state, split, _NEAR):
                 break
             far = False
         bare = without(state, name, split)

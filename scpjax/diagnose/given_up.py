@@ -12,15 +12,20 @@ from scpjax.diagnose.evidence import Evidence, ahead, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.patience import ENDLESS, Patience
-from scpjax.diagnose.remainder import AT_NOISE, form_at_most, level, share_left, takes_most, unexplained
+from scpjax.diagnose.remainder import (
+    AT_NOISE,
+    MUCH,
+    form_at_most,
+    leaves_much,
+    level,
+    share_left,
+    takes_most,
+    unexplained,
+)
 from scpjax.diagnose.trials import without
 
 _NEAR_NOISE = 4.0  # ratio of residual to noise, up to which what is left may be the form of a law
 _SOMEWHAT = 0.1  # of the held-out misfit, that may stay without a last name where a correction explains all of it
-_MUCH = 0.2  # of the misfit: what names may leave that is still no matter of a law's form
-_CLEARLY = 2.5  # ratio of residual to noise, above which names that leave much are false
-_NO_SCALE = 100.0  # ratio of the base model's residual to noise, above which the noise is no scale for a law's error
-_HALF = 0.5  # of the misfit: what names may leave there
 _COMPLETE = 0.1  # of the misfit: what a closure alone may leave to be an explanation in place of names
 _FAR_BETTER = 0.5  # ratio of what it leaves to what the names leave, below which they are false
 _MANY = 2.0  # times the evidence for a name, that a closure must be ahead of one which stands at an end
@@ -120,11 +125,10 @@ def _beyond(
     alone = closure(base, parts, rules, where, patience)
     if not choice.state.names:
         return choice, alone
-    much = left > _MUCH * whole
+    much = left > MUCH * whole
     by_closure = whole if alone is None else unexplained(alone.state, held)
     better = by_closure < _FAR_BETTER * left and (much or by_closure < _COMPLETE * whole)
-    allowed = _HALF if level(base, parts) > _NO_SCALE else _MUCH
-    if better or (most > allowed and level(choice.state, parts) > _CLEARLY):
+    if better or leaves_much(base, choice.state, parts):
         return Choice(base, choice.ranking, {}, {}, given_up=(choice.state.names, most)), alone
     return choice, closure(choice.state, parts, rules, patience=patience)
 

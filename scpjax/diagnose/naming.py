@@ -19,7 +19,7 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, residual_on
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.pruning import prune
-from scpjax.diagnose.remainder import AT_NOISE, level, misfit
+from scpjax.diagnose.remainder import AT_NOISE, level, misfit, takes_most
 from scpjax.diagnose.select import choose
 from scpjax.diagnose.together import choose_together
 from scpjax.diagnose.trials import afresh, at_rest, under_each_law, under_every_law
@@ -134,7 +134,8 @@ def _together(choice: Choice) -> tuple[str, ...]:
 
 def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free | None]:
     """What the catalogue's laws explain, or one mechanism by a curve where that does better than a first name; jumps
-    inside gaps timed by the first name and wild samples left out. Where they did not end the search, and it took longer
+    inside gaps timed by the first name and wild samples left out. A curve is one mechanism: beside a first name that
+    leaves much it is not asked for. Where they did not end the search, and it took longer
     than there is patience left, what it has named is fitted anew without them.
     """
     began, by_wild = time.monotonic(), False
@@ -150,7 +151,7 @@ def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free |
     def wild_or_by_curve(first: State) -> bool:
         nonlocal by_wild
         by_wild = some and bool(_wild(first, parts).any())
-        return by_wild or by_curve(first)
+        return by_wild or (takes_most(base, first, parts) and by_curve(first))
 
     def mistimed(first: State) -> bool:
         nonlocal timed

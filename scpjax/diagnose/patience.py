@@ -47,8 +47,8 @@ class Patience:
         told = ()
         if self.ended:
             told = (
-                f"the search was ended after {_minutes(self.seconds)}, away from the noise: other names, or more of "
-                "them, were left untried; --minutes gives it longer",
+                f"the search was ended after {_minutes(self.seconds)}, still away from the noise: other names, or more "
+                "of them, were left untried; --minutes gives it longer",
             )
         if self.cut_short:
             told += (

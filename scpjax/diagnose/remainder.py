@@ -15,6 +15,11 @@ FAR = AT_NOISE**2
 _CHANCE = 2.5  # standard deviations of a mean of squares, which are no misfit
 _LAGS, _WHITE = 4, 0.01  # between neighbours, and how likely they are by chance, above which residuals are white
 _LITTLE_LEFT = 0.05  # of the held-out misfit in excess of the noise: what names may leave unsought
+MUCH = 0.2
+"""Of the misfit: what names may leave that is still no matter of a law's form."""
+_CLEARLY = 2.5  # ratio of residual to noise, above which names that leave much are false
+_NO_SCALE = 100.0  # ratio of the base model's residual to noise, above which the noise is no scale for a law's error
+_HALF = 0.5  # of the misfit: what names may leave there
 _MOST = 0.25  # of the held-out misfit, up to which a closure may leave and say where it lies: half in root mean square
 
 
@@ -56,6 +61,15 @@ def form_at_most(base: State, state: State, parts: Split) -> bool:
     """Whether names leave so little that it may be what the true law's form differs by from theirs."""
     whole, left = (unexplained(s, parts.is_held) for s in (base, state))
     return bool(state.names) and left <= _LITTLE_LEFT * whole
+
+
+def leaves_much(base: State, state: State, parts: Split) -> bool:
+    """Whether names leave so much, of what was held out or of what they were fitted to, clearly above the noise, that
+    they are false.
+    """
+    most = max(share_left(base, state, there) for there in (parts.is_held, parts.is_train))
+    allowed = _HALF if level(base, parts) > _NO_SCALE else MUCH
+    return most > allowed and level(state, parts) > _CLEARLY
 
 
 def takes_most(base: State, state: State, parts: Split) -> bool:

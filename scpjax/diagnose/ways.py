@@ -115,8 +115,11 @@ def one_more(search: Search, found: Tried, ways: int = WAYS) -> list[Branch]:
     out: list[Branch] = []
     closest = found.way.state
     first: Comparison | None = None
-    left = [] if found.ends else found.accepted[:_ATTEMPTS]
-    while left and len(out) < ways and not (out and (at_noise(out[0].state, search.split) or search.patience.over())):
+    left, attempts = [] if found.ends else list(found.accepted), 0
+    while left and attempts < _ATTEMPTS and len(out) < ways:
+        if out and (at_noise(out[0].state, search.split) or search.patience.over()):
+            break
+        attempts += 1
         c = left[0] if first is None else _second(left, first, search.split)
         if c is None:
             break

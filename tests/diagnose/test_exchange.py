@@ -84,8 +84,10 @@ def swaps(monkeypatch):
     return SimpleNamespace(costs=costs, promise=promise, tried=tried, fresh=fresh, anew=anew, width=width)
 
 
-@pytest.mark.parametrize(("square", "tried"), [(1.5, True), (1.8, False)])
-def test_out_of_patience_names_near_the_noise_are_exchanged(swaps, monkeypatch, square, tried):
+@pytest.mark.parametrize(("square", "much", "tried"), [(1.5, True, True), (1.8, True, False), (1.8, False, True)])
+def test_out_of_patience_names_that_will_be_told_are_exchanged(swaps, monkeypatch, square, much, tried):
+    """Those near the noise, and those that do not leave so much that they are given up."""
+    monkeypatch.setattr(exchange, "leaves_much", lambda *_: much)
     monkeypatch.setattr(exchange, "at_noise", lambda s, split, level=1.05: square < level)
     exchanged(chosen(("a", "e"), 100.0), None, None, Evidence(), CATALOGUE, Patience(0.0, math.inf))  # type: ignore[arg-type]
     assert bool(swaps.tried) == tried
@@ -99,7 +101,8 @@ def test_late_no_name_is_exchanged_which_is_told(swaps):
     assert "names set against what could stand in their place" in patience.notes()[-1]
 
 
-def test_out_of_patience_only_names_near_the_noise_are_exchanged(swaps, monkeypatch):
+def test_out_of_patience_names_that_will_be_given_up_are_not_exchanged(swaps, monkeypatch):
+    monkeypatch.setattr(exchange, "leaves_much", lambda *_: True)
     choice, patience = chosen(("a", "e"), 100.0), Patience(0.0, math.inf)
     exchanged(choice, None, None, Evidence(), CATALOGUE, patience)  # type: ignore[arg-type]
     assert swaps.tried
@@ -164,6 +167,7 @@ def test_away_from_the_noise_laws_change_first_where_all_stand(swaps, monkeypatc
 def test_out_of_patience_every_name_is_still_asked_for_its_law_once(swaps, monkeypatch):
     """A wrong law may be all that is amiss where a search took too long."""
     monkeypatch.setattr(exchange, "at_noise", lambda *_: False)
+    monkeypatch.setattr(exchange, "leaves_much", lambda *_: True)
     asked = []
 
     def under_every_law(s, name, _, *, hurried):
@@ -277,7 +281,7 @@ def test_what_is_not_better_under_its_closest_law_may_be_equal_under_another(swa
         return {n: state([*bare.names, name], c, n) for n, c in costs.items()}
 
     monkeypatch.setattr(exchange, "by_law", by_law)
-    now = {"state": state("ea", 100.0), "base": None, "split": None, "rules": Evidence()}
+    now = {"state": state("ea", 100.0), "base": None, "split": None, "rules": Evidence(), "patience": Patience()}
     found = exchange._beside(state("e", 1e3), "b", **now)  # type: ignore[arg-type]
     assert found is not None
     assert found.laws["b"] == told

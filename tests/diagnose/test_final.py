@@ -133,7 +133,7 @@ def test_where_no_steps_are_short_enough_it_says_so(monkeypatch):
 
 
 def test_late_it_is_not_refitted_by_shorter_steps_and_says_what_they_would_change():
-    state, parts = fitted()
+    parts, state = fitted()
     patience = Patience(0.0, 0.0)
     fine, same, (note,) = resolved(state, parts, patience)
     assert (fine, same) == (parts, state)
@@ -170,3 +170,6 @@ def test_a_fit_to_coloured_residuals_may_miss_the_samples_by_little_more(monkeyp
     monkeypatch.setattr(Whitener, "__call__", lambda self, r, there: (1.0, 1))  # filtered, both predict the same
     state = SimpleNamespace(setup=None, residual=residual, trial="begun")
     assert fitted_to_all(parts, state)[0] == ("coloured" if taken else "plain")  # type: ignore[arg-type]
+    late = Patience(0.0, 0.0)
+    assert fitted_to_all(parts, state, late) == ("plain", whole)  # type: ignore[arg-type]
+    assert "filter for coloured residuals" in late.notes()[-1]

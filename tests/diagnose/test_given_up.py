@@ -143,7 +143,7 @@ def test_a_name_of_which_nothing_stays_beside_the_closure_is_taken_out(monkeypat
         return learned if len(waits) == 1 or patience is ENDLESS else None
 
     monkeypatch.setattr(given_up, "closure", closure)
-    monkeypatch.setattr(given_up, "_CLEARLY", np.inf)
+    monkeypatch.setattr(remainder, "_CLEARLY", np.inf)
     monkeypatch.setattr(given_up, "_FAR_BETTER", 0.0)
     monkeypatch.setattr(doubtful, "at_its_least", lambda state, name: name == "sensor_lag" and name in state.names)
     asked = []
@@ -176,7 +176,7 @@ def test_a_name_that_the_data_do_not_tell_from_none_beside_the_closure_is_taken_
     learned = SimpleNamespace(state=replace(named, trial=trial))
     monkeypatch.setattr(given_up, "acting_at_once", lambda *_: ())
     monkeypatch.setattr(*((beyond, "form") if corrects else (given_up, "closure")), lambda *_, **__: learned)
-    monkeypatch.setattr(given_up, "_CLEARLY", np.inf)
+    monkeypatch.setattr(remainder, "_CLEARLY", np.inf)
     monkeypatch.setattr(given_up, "_FAR_BETTER", 0.0)
     monkeypatch.setattr(given_up, "form_at_most", lambda *_: corrects)
     monkeypatch.setattr(given_up, "_NEAR_NOISE", np.inf)

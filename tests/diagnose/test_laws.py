@@ -48,7 +48,10 @@ def test_where_another_name_is_missing_laws_are_not_asked_for_at_length(monkeypa
     """It is where one leaves a tenth of some column's misfit and more, and that is thrice the noise."""
     m = SimpleNamespace(laws=("narrow", "now", "wide"), free_parameters=lambda law: ("J", "tau", "n")[: 1 + law])
     setup = SimpleNamespace(structure=SimpleNamespace(mechanism=lambda _: m))
-    fit = lambda law, misfit: SimpleNamespace(setup=setup, laws={"m": m.laws[law]}, misfit=np.array(misfit))  # noqa: E731
+
+    def fit(law, misfit, names=("m",)):
+        return SimpleNamespace(setup=setup, names=names, laws={"m": m.laws[law]}, misfit=np.array(misfit))
+
     asked: list[str] = []
     monkeypatch.setattr(laws, "laws_that_can_act", lambda *_: range(3))
     monkeypatch.setattr(laws, "misfit", lambda state, _split: state.misfit)
@@ -61,3 +64,7 @@ def test_where_another_name_is_missing_laws_are_not_asked_for_at_length(monkeypa
     laws.other_laws(fit(1, left), "m", None, Evidence(), fit(1, (1001.0, 1001.0)), Patience())  # type: ignore[arg-type]
     every = [] if max(left) == 1.0 else ["every"]
     assert sorted(asked) == sorted(["narrow", "wide"] if several else ["narrow", "afresh", "wide", *every])
+    asked.clear()
+    beside = fit(1, left, names=("a", "m"))  # out of patience it is left for all names together, but at the noise
+    laws.other_laws(beside, "m", None, Evidence(), fit(1, (1001.0, 1001.0)), Patience(0.0))  # type: ignore[arg-type]
+    assert bool(asked) == (max(left) == 1.0)
