@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from scpjax.diagnose.evidence import Comparison, Evidence, at_its_least, compare, is_better
+from scpjax.diagnose.evidence import Comparison, Evidence, compare, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.patience import Patience
@@ -20,8 +19,6 @@ from scpjax.physics.mechanism import Mechanism
 
 _STRAIGHT = 1.3  # mean square, in units of the noise's, up to which a base model has not been bent
 _CONTESTED = 1.1  # sum of squares, in units of the least, up to which it is contested which is the closest
-_FAR_OFF = 2.0**2  # mean square, in units of the noise's, above which a hypothesis is far from it
-_CLEARLY = 0.1  # relative fall of the held-out RMS misfit, that is clearly better
 _MUCH = 0.5  # of the fall of the sum of squares that the closest one makes
 
 
@@ -58,19 +55,7 @@ def try_all(
             out.append(_best_law(m, found, split, rules))
         else:  # it promised nothing: as it was, for more parameters
             out.append(compare(state, state, m.name, m.laws[0], split, rules, len(m.free_parameters(0))))
-    out = sorted(out, key=lambda c: -c.delta_bic)
-    if out and _leads_by_far(state, out[0], split, rules):
-        out[0] = replace(out[0], accepted=True)
-    return out
-
-
-def _leads_by_far(before: State, first: Comparison, split: Split, rules: Evidence) -> bool:
-    """Whether what has most evidence in a round clearly predicts the held-out stretches better, as they are, far from
-    the noise: residuals whitened there are nearly differences, in which only what is sharp shows.
-    """
-    if at_noise(before, split, _FAR_OFF) or at_its_least(first.state, first.added):
-        return False
-    return first.delta_bic > rules.bic and first.held_out_gain > _CLEARLY and first.removed > rules.share
+    return sorted(out, key=lambda c: -c.delta_bic)
 
 
 def contested(

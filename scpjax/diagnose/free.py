@@ -1,7 +1,8 @@
 """One effect of the catalogue under a law that the catalogue does not hold: told by what it depends on.
 
 A force that is the temperature's alone is a nonlinear thermal force whatever its curve, and a stiffness that falls with
-temperature a softening. Where no mechanism alone comes down to the noise, such curves are fitted in place of laws.
+temperature a softening. Where no mechanism alone comes down to the noise, such curves are fitted in place of laws: as
+soon as the first name takes most of the misfit, else when all is named that is to be.
 """
 
 from __future__ import annotations

@@ -41,8 +41,8 @@ def nothing_explains(base: State, choice: Choice, learned: Beyond | None, parts:
 def beyond_names(
     parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str], patience: Patience = ENDLESS
 ) -> tuple[Choice, Beyond | None]:
-    """What is to be said when the named mechanisms do not reach the noise; nothing is learned late by
-    ``patience`` but what decides whether they are true.
+    """What is to be said when the named mechanisms do not reach the noise; late by ``patience`` nothing
+    is learned beyond those that stay, nor a correction of their laws.
 
     Names are false if a closure without them does far better on the held-out misfit, and explains nearly all of it or
     they leave much; or if they leave much, of that or of what they were fitted to, that stands clearly above the noise,
@@ -122,7 +122,8 @@ def _beyond(
         if reaction is not None:
             return outdone(choice, choice.state, base, parts), reaction
         return choice, corrected if near else closure(choice.state, parts, rules, patience=patience)
-    alone = closure(base, parts, rules, where, patience)
+    decides = bool(choice.state.names) and not leaves_much(base, choice.state, parts)  # whether they are told
+    alone = closure(base, parts, rules, where, patience=ENDLESS if decides else patience)
     if not choice.state.names:
         return choice, alone
     much = left > MUCH * whole

@@ -134,11 +134,11 @@ def _together(choice: Choice) -> tuple[str, ...]:
 
 def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free | None]:
     """What the catalogue's laws explain, or one mechanism by a curve where that does better than a first name; jumps
-    inside gaps timed by the first name and wild samples left out. A curve is one mechanism: beside a first name that
-    leaves much it is not asked for. Where they did not end the search, and it took longer
-    than there is patience left, what it has named is fitted anew without them.
+    inside gaps timed by the first name and wild samples left out. Where those did not end the search, and it took
+    longer than there is patience left, what it has named is fitted anew without them. Where the first name leaves much,
+    curves wait for what is named in the end: several effects are no curve.
     """
-    began, by_wild = time.monotonic(), False
+    began, by_wild, waits = time.monotonic(), False, False
     free: Free | None = None
     timed: Split | None = None
     notes: tuple[str, ...] = ()
@@ -148,14 +148,21 @@ def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free |
         free = search.by_curve(base, rival, parts)
         return free is not None
 
+    def first_by_curve(first: State) -> bool:
+        nonlocal waits
+        waits = not takes_most(base, first, parts)
+        return not waits and by_curve(first)
+
     def wild_or_by_curve(first: State) -> bool:
         nonlocal by_wild
-        by_wild = some and bool(_wild(first, parts).any())
-        return by_wild or (takes_most(base, first, parts) and by_curve(first))
+        wild = some and bool(_wild(first, parts).any())
+        by_wild = wild and not search.patience.over()  # else the search could not begin anew
+        return by_wild or (not wild and first_by_curve(first))
 
     def mistimed(first: State) -> bool:
         nonlocal timed
-        timed = None if search.patience.over() else _mistimed(first, parts, base)
+        left = bool(find_gaps(base.setup.data)) and search.patience.over()
+        timed = None if left else _mistimed(first, parts, base)
         return timed is not None or wild_or_by_curve(first)
 
     some = bool(np.any(np.asarray(parts.whole.weights) != np.asarray(base.setup.data.weights)))
@@ -172,14 +179,14 @@ def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free |
         parts = parts.with_weights(np.where(wild, 0.0, parts.whole.weights))
         trial, _, _ = refine(base.setup, parts.train, base.trial)
         base, free = state_at(base.setup, parts, trial), None
-        if (by_wild and not search.patience.over()) or search.patience.allows(time.monotonic() - began):
+        if by_wild or search.patience.allows(time.monotonic() - began):
             notes = (*notes, f"{more} {choice.state.names[0]}, the first name tried")
-            choice = search.choose(base, parts, by_curve)
+            choice = search.choose(base, parts, first_by_curve)
         else:
             notes = (*notes, f"{more} {' and '.join(choice.state.names)}; nothing else was sought without them")
             choice = replace(choice, state=at_rest(choice.state.setup, parts, [choice.state.trial]))
-    if free is None and not choice.state.names:
-        by_curve(base)
+    if free is None and (waits or not choice.state.names):
+        by_curve(choice.state)
     return Found(parts, base, choice, notes=notes), free
 
 

@@ -73,7 +73,7 @@ def leaves_much(base: State, state: State, parts: Split) -> bool:
 
 
 def takes_most(base: State, state: State, parts: Split) -> bool:
-    """Whether a closure beyond the base model takes away so much of the misfit that it says where that lies."""
+    """Whether a closure beyond the base model, or a name, takes away so much of it that it says where that lies."""
     held = parts.is_held
     return unexplained(state, held) <= _MOST * unexplained(base, held)
 

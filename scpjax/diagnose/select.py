@@ -126,10 +126,10 @@ def _gone_on(
     rounds.append([])
     further: list[Branch] = []
     for way in ways:
-        if further and search.patience.over():
-            break
         if any(at_noise(b.state, split) and {*way.state.names} < {*b.state.names} for b in further):
             continue  # it is part of what explains all
+        if further and search.patience.over():
+            break
         rounds[-1].append(try_round(search, way, round_, tell))
         with meanwhile(partial(_for_more, search, rounds)):
             further += one_more(search, rounds[-1][-1])

@@ -41,7 +41,7 @@ def played(monkeypatch, misfits: dict[str, float], held_out: dict[str, float] | 
         assert not {*contenders} & {*state.names}
         assert state.names or not contenders
         found = []
-        for name in "abcd":
+        for name in "abcdef":
             after = "".join(sorted({*state.names, name}))
             if name in state.names or after not in misfits:
                 continue

@@ -15,7 +15,7 @@ from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.given_up import beyond_names
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
-from scpjax.diagnose.patience import ENDLESS, Patience
+from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.remainder import form_at_most, level
 from scpjax.diagnose.rivals import added
 
@@ -136,11 +136,18 @@ def test_a_name_of_which_nothing_stays_beside_the_closure_is_taken_out(monkeypat
     named = added(added(base, "ambient_drift", parts), "sensor_lag", parts)
     learned = SimpleNamespace(state=named)
     monkeypatch.setattr(given_up, "acting_at_once", lambda *_: ())
-    waits: list[Patience] = []  # of the one beyond all names, and of the one beyond those that stay
+
+    class Later(Patience):
+        """It is late from the second time on that it is asked."""
+
+        asked = 0
+
+        def late(self, what: str) -> bool:
+            self.asked += 1
+            return self.asked > 1
 
     def closure(*_, patience):
-        waits.append(patience)
-        return learned if len(waits) == 1 or patience is ENDLESS else None
+        return None if patience.late("a closure") else learned
 
     monkeypatch.setattr(given_up, "closure", closure)
     monkeypatch.setattr(remainder, "_CLEARLY", np.inf)
@@ -154,9 +161,9 @@ def test_a_name_of_which_nothing_stays_beside_the_closure_is_taken_out(monkeypat
 
     monkeypatch.setattr(given_up, "without", taken_out)
     chosen = Choice(named, (), {"ambient_drift": 0.9, "sensor_lag": 0.8}, {"sensor_lag": ("creep",)})
-    patience = Patience(3600.0)
+    patience = Later()
     choice, found = beyond_names(parts, base, chosen, Evidence(), ["thermoelectric"], patience)
-    assert waits[0] is patience
+    assert patience.asked == 1, "what is learned in the end decides nothing more"
     assert asked[-1] == (("ambient_drift", "sensor_lag"), "sensor_lag")
     assert choice.state.names == ("ambient_drift",)
     assert choice.probability == {"ambient_drift": 0.9}

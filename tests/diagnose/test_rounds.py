@@ -201,24 +201,3 @@ def test_a_base_that_leaves_little_has_not_been_bent(monkeypatch, square, looked
     monkeypatch.setattr(candidates, "fit_promising", lambda *_: {})
     assert candidates.try_all(None, None, Evidence(), nothing, max_steps=1, tell=print) == []  # type: ignore[arg-type]
     assert bool(asked) == looked
-
-
-@pytest.mark.parametrize(
-    ("misfit", "bic", "gain", "removed", "least", "accepted"),
-    [
-        (9.0, 100.0, 0.3, 0.5, False, True),
-        (3.0, 100.0, 0.3, 0.5, False, False),  # not far from the noise
-        (9.0, 11.0, 0.3, 0.5, False, False),
-        (9.0, 100.0, 0.09, 0.5, False, False),
-        (9.0, 100.0, 0.3, 0.1, False, False),
-        (9.0, 100.0, 0.3, 0.5, True, False),
-    ],
-)
-def test_far_from_the_noise_what_leads_by_its_plain_prediction_is_accepted(
-    monkeypatch, misfit, bic, gain, removed, least, accepted
-):
-    """Whitened by residuals far from the noise, a prediction that is clearly better may not look so."""
-    monkeypatch.setattr(candidates, "at_noise", lambda _state, _split, within: misfit < within)
-    monkeypatch.setattr(candidates, "at_its_least", lambda *_: least)
-    first = SimpleNamespace(state=None, added="a", delta_bic=bic, held_out_gain=gain, removed=removed)
-    assert candidates._leads_by_far(None, first, None, Evidence()) == accepted  # type: ignore[arg-type]

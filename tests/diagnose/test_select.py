@@ -49,7 +49,7 @@ def test_what_comes_after_the_search_is_cut_short_half_as_much_later(monkeypatch
     passed[patience] = 899.0
     assert patience.over()
     assert not patience.late("closures")
-    assert [note[:40] for note in patience.notes()] == ["the search was ended after 10 minutes, aw"[:40]]
+    assert [note[:40] for note in patience.notes()] == ["the search was ended after 10 minutes, still away"[:40]]
     passed[patience] = 901.0
     assert patience.late("closures")
     assert patience.late("filters")
@@ -58,6 +58,14 @@ def test_what_comes_after_the_search_is_cut_short_half_as_much_later(monkeypatch
     assert not short.late("closures"), "a minute is left at least"
     passed[short] = 67.0
     assert short.late("closures")
+
+
+def test_another_way_may_begin_with_any_name_that_predicts_clearly_better(monkeypatch):
+    """``e`` has less evidence than four others, and predicts best."""
+    misfits = {"a": 400.0, "b": 450.0, "c": 480.0, "d": 510.0, "e": 600.0, "ab": 300.0, "ef": 1.0}
+    asked = played(monkeypatch, misfits, {"e": 0.5})
+    assert chosen() == {"e", "f"}
+    assert asked[:3] == [(), ("a",), ("e",)]
 
 
 def test_where_it_ends_away_from_the_noise_another_way_is_gone(monkeypatch):
