@@ -21,6 +21,7 @@ from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.naming import Found
+from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.remainder import level, swings_within_bins, takes_most
 from scpjax.diagnose.result import Latent
 from scpjax.physics.terms import Term
@@ -112,7 +113,7 @@ def test_names_stay_that_only_a_closure_which_rings_was_better_than(monkeypatch,
     monkeypatch.setattr(room, "swings_within_bins", lambda *_: rings)
     monkeypatch.setattr(room, "nothing_explains", lambda *_: False)
     found = Found(None, state, named)  # type: ignore[arg-type]
-    told = room._beyond(found, None, (), Evidence(), lambda *_: None)  # type: ignore[arg-type]
+    told = room._beyond(found, None, (), Evidence(), Patience(), lambda *_: None)  # type: ignore[arg-type]
     assert told[:2] == ((replace(named, rang=True), None) if rings else (instead, closure))
 
 

@@ -18,6 +18,7 @@ from scpjax.diagnose.hypothesis import State, residual_on
 from scpjax.diagnose.latent import Misfit, missing
 from scpjax.diagnose.locate import observe
 from scpjax.diagnose.naming import Found
+from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.remainder import level
 from scpjax.diagnose.rhythm import Rhythm, rhythms, ripple
 from scpjax.diagnose.swing import swinging
@@ -254,7 +255,7 @@ def test_what_repeats_stands_against_a_curve(monkeypatch, free, left, by_swing, 
     monkeypatch.setattr(room, "_repeating", lambda *_: ("period", swing))
     monkeypatch.setattr(room, "outdone", lambda before, best, base, parts: Choice(base, (), {}, {}, outdone=True))
     found = Found(None, base, choice, curve)  # type: ignore[arg-type]
-    after, learned, period = room._beyond(found, None, (), Evidence(), lambda *_: None)  # type: ignore[arg-type]
+    after, learned, period = room._beyond(found, None, (), Evidence(), Patience(), lambda *_: None)  # type: ignore[arg-type]
     assert learned is (swing if told == "swing" else curve)
     assert period == ("period" if told == "swing" else None)
     assert (after.outdone, after.free) == (told == "swing", "" if told == "swing" else free)
@@ -279,12 +280,15 @@ def test_of_places_that_come_near_each_other_the_model_decides(monkeypatch, ahea
     monkeypatch.setattr(room, "swinging", lambda _b, _p, _r, found: models.get(found.place))
     monkeypatch.setattr(room, "ahead", lambda a, b, *_: 0.0 if a == b else ahead if a == "heat" else -ahead)
     base = SimpleNamespace(setup=SimpleNamespace(structure=SimpleNamespace(pulley_radius=None)))
-    swing, by_swing = room._repeating(None, [], base, None, Evidence())  # type: ignore[arg-type]
+    swing, by_swing = room._repeating(None, [], base, None, Evidence(), Patience())  # type: ignore[arg-type]
     if place is None:
         assert (swing, by_swing) == (likeliest, None)
     else:
         assert by_swing is models[place]
         assert swing == replace(likeliest if place == "drive" else other, period=0.9 * PERIOD)
+    late = Patience(0.0, 0.0)
+    assert room._repeating(None, [], base, None, Evidence(), late) == (likeliest, None)  # type: ignore[arg-type]
+    assert "a model of what swings" in late.notes()[-1]
 
 
 def test_a_curve_that_is_outdone_is_told_of():
