@@ -21,6 +21,11 @@ _UNRESOLVED = (
     "the samples are far apart for what moves here: with {parts} steps a sample the last fit's predictions still "
     "changed by {off:.2g} times the noise when steps were halved, so its parameters may be off; record at a higher rate"
 )
+_TOO_LATE = (
+    "the samples are far apart for what moves here: by steps half as long the last fit's predictions change by "
+    "{off:.2g} times the noise, so its parameters may be off; it was too late to fit it by shorter ones "
+    "(--minutes gives longer)"
+)
 _UNSTABLE = (
     "what was found fits by the errors of steps as long as a sample: by shorter ones its predictions blow up. It is "
     "told as it was found; do not rely on its parameters, and record at a higher rate"
@@ -56,7 +61,7 @@ def resolved(state: State, parts: Split, patience: Patience = ENDLESS) -> tuple[
         return parts, state, ()
     if patience.late("the last fit by shorter steps"):
         blown = np.any(np.abs(residual_on(state.trial, parts.whole.finer(factor), state.setup)) >= CEILING)
-        return parts, state, (_UNSTABLE if blown else _UNRESOLVED.format(parts=1, off=first),)
+        return parts, state, (_UNSTABLE if blown else _TOO_LATE.format(off=first),)
     notes = () if off < _RESOLVED else (_UNRESOLVED.format(parts=factor, off=off),)
     finer, refitted = fitted_finer(state, parts, factor)
     return (parts, state, (_UNSTABLE,)) if refitted is None else (finer, refitted, notes)

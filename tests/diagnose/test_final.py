@@ -137,7 +137,7 @@ def test_late_it_is_not_refitted_by_shorter_steps_and_says_what_they_would_chang
     patience = Patience(0.0, 0.0)
     fine, same, (note,) = resolved(state, parts, patience)
     assert (fine, same) == (parts, state)
-    assert "with 1 steps a sample" in note
+    assert "too late to fit it by shorter ones" in note
     assert "the last fit by shorter steps" in patience.notes()[-1]
 
 
