@@ -16,7 +16,9 @@ from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.solve import outputs_of
 
 _RESOLVED = 0.1  # of the noise of a sample, by which predictions may change where steps are halved
-_FINEST = 8  # parts of a step, at most
+_FINE = 8  # parts of a step, at most, by which a hypothesis is refitted first
+_FINEST = 32  # and at most, where what it then predicts still changes
+_LONGER = 3.0  # times as long as by twice as long steps, that a fit may take
 _UNRESOLVED = (
     "the samples are far apart for what moves here: with {parts} steps a sample the last fit's predictions still "
     "changed by {off:.2g} times the noise when steps were halved, so its parameters may be off; record at a higher rate"
@@ -46,13 +48,10 @@ def resolved(state: State, parts: Split, patience: Patience = ENDLESS) -> tuple[
     """
     if not any(m.may_need_short_steps for m in state.setup.structure.mechanisms):
         return parts, state, ()
-    sigma, space = np.asarray(parts.whole.sigma), state.setup.space
-    there = np.where(np.asarray(parts.whole.weights) > 0, 1.0, 0.0)
-    factor, first, coarse, off = 1, 0.0, np.asarray(outputs_of(state.trial, parts.whole, space)), 0.0
-    while factor < _FINEST:
-        fine = np.asarray(outputs_of(state.trial, parts.whole.finer(2 * factor), space))
-        change = np.sum(there * ((fine - coarse) / sigma) ** 2, axis=(0, 1)) / np.maximum(there.sum(axis=(0, 1)), 1)
-        off = float(np.sqrt(np.max(change)))
+    factor, first, coarse, off = 1, 0.0, _outputs(state, parts, 1), 0.0
+    while factor < _FINE:
+        fine = _outputs(state, parts, 2 * factor)
+        off = _change(coarse, fine, parts)
         first = first or off
         if off < _RESOLVED:
             break
@@ -62,9 +61,46 @@ def resolved(state: State, parts: Split, patience: Patience = ENDLESS) -> tuple[
     if patience.late("the last fit by shorter steps"):
         blown = np.any(np.abs(residual_on(state.trial, parts.whole.finer(factor), state.setup)) >= CEILING)
         return parts, state, (_UNSTABLE if blown else _TOO_LATE.format(off=first),)
-    notes = () if off < _RESOLVED else (_UNRESOLVED.format(parts=factor, off=off),)
+    began = patience.passed()
     finer, refitted = fitted_finer(state, parts, factor)
-    return (parts, state, (_UNSTABLE,)) if refitted is None else (finer, refitted, notes)
+    if refitted is None:
+        return parts, state, (_UNSTABLE,)
+    if off < _RESOLVED:
+        return finer, refitted, ()
+    return _by_still_shorter(finer, refitted, parts, factor, patience, patience.passed() - began)
+
+
+def _by_still_shorter(
+    finer: Split, state: State, parts: Split, factor: int, patience: Patience, seconds: float
+) -> tuple[Split, State, tuple[str, ...]]:
+    """What was fitted by steps shorter by a ``factor`` (``finer``) in some ``seconds``, fitted again by half as long
+    ones until what that changes is little, while ``patience`` allows what it may take; and a note where it never is.
+    """
+    while True:
+        off = _change(_outputs(state, parts, factor), _outputs(state, parts, 2 * factor), parts)
+        if off < _RESOLVED:
+            return finer, state, ()
+        unresolved = (_UNRESOLVED.format(parts=factor, off=off),)
+        if 2 * factor > _FINEST or not patience.allows(_LONGER * seconds):
+            return finer, state, unresolved
+        began = patience.passed()
+        again, refitted = fitted_finer(state, parts, 2 * factor)
+        seconds = patience.passed() - began
+        if refitted is None:
+            return finer, state, unresolved
+        finer, state, factor = again, refitted, 2 * factor
+
+
+def _outputs(state: State, parts: Split, factor: int) -> np.ndarray:
+    """Predictions (r, n, y) of a hypothesis by steps shorter by a factor."""
+    return np.asarray(outputs_of(state.trial, parts.whole.finer(factor), state.setup.space))
+
+
+def _change(coarse: np.ndarray, fine: np.ndarray, parts: Split) -> float:
+    """RMS by which predictions (r, n, y) differ, in units of the noise, in the column where it is greatest."""
+    there = np.where(np.asarray(parts.whole.weights) > 0, 1.0, 0.0)
+    square = np.sum(there * ((fine - coarse) / np.asarray(parts.whole.sigma)) ** 2, axis=(0, 1))
+    return float(np.sqrt(np.max(square / np.maximum(there.sum(axis=(0, 1)), 1))))
 
 
 def fitted_finer(state: State, parts: Split, factor: int) -> tuple[Split, State | None]:

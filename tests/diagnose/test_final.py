@@ -125,11 +125,42 @@ def test_what_is_resolved_stays_as_it_is():
 
 
 def test_where_no_steps_are_short_enough_it_says_so(monkeypatch):
+    monkeypatch.setattr(final, "_FINE", 2)
     monkeypatch.setattr(final, "_FINEST", 2)
     parts, state = fitted()
     fine, _, notes = resolved(state, parts)
     assert fine.whole.bin == 2 * parts.whole.bin
     assert "2 steps a sample" in notes[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "seconds", "by", "says"),
+    [
+        ([0.05], 0.0, 8, None),  # what was refitted is resolved, though what it was refitted from was not
+        ([0.4, 0.05], 0.0, 16, None),
+        ([0.4, 0.4, 0.4], 0.0, 32, "32 steps a sample"),
+        ([0.4], 10.0, 8, "8 steps a sample"),  # half as long ones might take longer than there is patience for
+        ([np.nan, 0.05], 0.0, 16, None),
+    ],
+)
+def test_what_is_refitted_is_by_still_shorter_steps_until_they_change_little(monkeypatch, changes, seconds, by, says):
+    left = iter(changes)
+    monkeypatch.setattr(final, "_outputs", lambda *_: None)
+    monkeypatch.setattr(final, "_change", lambda *_: next(left))
+    monkeypatch.setattr(final, "fitted_finer", lambda _state, _parts, factor: (factor, f"by {factor}"))
+    found = final._by_still_shorter(8, "by 8", None, 8, Patience(20.0), seconds)  # type: ignore[arg-type]
+    assert found[:2] == (by, f"by {by}")
+    assert (says in found[2][0]) if says else found[2] == ()
+    assert next(left, None) is None
+
+
+def test_where_still_shorter_steps_blow_up_it_stays_by_those_that_did_not(monkeypatch):
+    monkeypatch.setattr(final, "_outputs", lambda *_: None)
+    monkeypatch.setattr(final, "_change", lambda *_: 0.4)
+    monkeypatch.setattr(final, "fitted_finer", lambda *_: ("finer", None))
+    *found, notes = final._by_still_shorter(8, "by 8", None, 8, Patience(), 0.0)  # type: ignore[arg-type]
+    assert found == [8, "by 8"]
+    assert "8 steps a sample" in notes[0]
 
 
 def test_late_it_is_not_refitted_by_shorter_steps_and_says_what_they_would_change():
