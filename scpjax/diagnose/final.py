@@ -18,6 +18,7 @@ from scpjax.fit.solve import outputs_of
 _RESOLVED = 0.1  # of the noise of a sample, by which predictions may change where steps are halved
 _FINE = 8  # parts of a step, at most, by which a hypothesis is refitted first
 _FINEST = 32  # and at most, where what it then predicts still changes
+_MOST_STEPS = 4_000_000  # of all recordings, simulated at once
 _LONGER = 3.0  # times as long as by twice as long steps, that a fit may take
 _UNRESOLVED = (
     "the samples are far apart for what moves here: with {parts} steps a sample the last fit's predictions still "
@@ -48,7 +49,9 @@ def resolved(state: State, parts: Split, patience: Patience = ENDLESS) -> tuple[
     """
     if not any(m.may_need_short_steps for m in state.setup.structure.mechanisms):
         return parts, state, ()
-    factor, first, coarse, off = 1, 0.0, _outputs(state, parts, 1), 0.0
+    if parts.whole.bin > state.setup.data.bin:  # it was fitted by shorter steps before
+        return _by_still_shorter(parts, state, parts, 1, patience)
+    factor, first, coarse = 1, 0.0, _outputs(state, parts, 1)
     while factor < _FINE:
         fine = _outputs(state, parts, 2 * factor)
         off = _change(coarse, fine, parts)
@@ -65,30 +68,30 @@ def resolved(state: State, parts: Split, patience: Patience = ENDLESS) -> tuple[
     finer, refitted = fitted_finer(state, parts, factor)
     if refitted is None:
         return parts, state, (_UNSTABLE,)
-    if off < _RESOLVED:
-        return finer, refitted, ()
     return _by_still_shorter(finer, refitted, parts, factor, patience, patience.passed() - began)
 
 
 def _by_still_shorter(
-    finer: Split, state: State, parts: Split, factor: int, patience: Patience, seconds: float
+    finer: Split, state: State, parts: Split, factor: int, patience: Patience, seconds: float = 0.0
 ) -> tuple[Split, State, tuple[str, ...]]:
     """What was fitted by steps shorter by a ``factor`` (``finer``) in some ``seconds``, fitted again by half as long
     ones until what that changes is little, while ``patience`` allows what it may take; and a note where it never is.
     """
+    before = parts.whole.bin // state.setup.data.bin
+    steps = int(np.prod(np.shape(parts.whole.grids.effort)[:2]))
     while True:
         off = _change(_outputs(state, parts, factor), _outputs(state, parts, 2 * factor), parts)
         if off < _RESOLVED:
             return finer, state, ()
-        unresolved = (_UNRESOLVED.format(parts=factor, off=off),)
-        if 2 * factor > _FINEST or not patience.allows(_LONGER * seconds):
-            return finer, state, unresolved
+        unresolved = _UNRESOLVED.format(parts=before * factor, off=off) if np.isfinite(off) else _UNSTABLE
+        most = before * factor >= _FINEST or 4 * factor * steps > _MOST_STEPS
+        if most or not patience.allows(_LONGER * seconds):
+            return finer, state, (unresolved,)
         began = patience.passed()
         again, refitted = fitted_finer(state, parts, 2 * factor)
-        seconds = patience.passed() - began
         if refitted is None:
-            return finer, state, unresolved
-        finer, state, factor = again, refitted, 2 * factor
+            return finer, state, (_UNSTABLE,)
+        finer, state, factor, seconds = again, refitted, 2 * factor, patience.passed() - began
 
 
 def _outputs(state: State, parts: Split, factor: int) -> np.ndarray:

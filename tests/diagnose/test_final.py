@@ -133,34 +133,57 @@ def test_where_no_steps_are_short_enough_it_says_so(monkeypatch):
     assert "2 steps a sample" in notes[0]
 
 
-@pytest.mark.parametrize(
-    ("changes", "seconds", "by", "says"),
-    [
-        ([0.05], 0.0, 8, None),  # what was refitted is resolved, though what it was refitted from was not
-        ([0.4, 0.05], 0.0, 16, None),
-        ([0.4, 0.4, 0.4], 0.0, 32, "32 steps a sample"),
-        ([0.4], 10.0, 8, "8 steps a sample"),  # half as long ones might take longer than there is patience for
-        ([np.nan, 0.05], 0.0, 16, None),
-    ],
-)
-def test_what_is_refitted_is_by_still_shorter_steps_until_they_change_little(monkeypatch, changes, seconds, by, says):
+def _refitted(monkeypatch, changes, seconds=0.0, *, before=1, nodes=100, blows_up_by=np.inf):
+    """What comes of a fit by 8 steps a sample (``before`` of them already in the data), where halving the steps changes
+    predictions by ``changes`` in turn; by which it was refitted, and the notes."""
     left = iter(changes)
+    whole = SimpleNamespace(bin=2 * before, grids=SimpleNamespace(effort=np.zeros((2, nodes, 1))))
+    state = lambda factor: SimpleNamespace(setup=SimpleNamespace(data=SimpleNamespace(bin=2)), by=factor)  # noqa: E731
     monkeypatch.setattr(final, "_outputs", lambda *_: None)
     monkeypatch.setattr(final, "_change", lambda *_: next(left))
-    monkeypatch.setattr(final, "fitted_finer", lambda _state, _parts, factor: (factor, f"by {factor}"))
-    found = final._by_still_shorter(8, "by 8", None, 8, Patience(20.0), seconds)  # type: ignore[arg-type]
-    assert found[:2] == (by, f"by {by}")
-    assert (says in found[2][0]) if says else found[2] == ()
+    again = lambda _s, _parts, factor: (factor, None if factor >= blows_up_by else state(factor))  # noqa: E731
+    monkeypatch.setattr(final, "fitted_finer", again)
+    first = 8 // before
+    args = (first, state(first), SimpleNamespace(whole=whole), first, Patience(20.0), seconds)
+    finer, found, notes = final._by_still_shorter(*args)  # type: ignore[arg-type]
+    assert finer == found.by  # type: ignore[attr-defined]
     assert next(left, None) is None
+    return finer, notes
+
+
+@pytest.mark.parametrize(
+    ("changes", "by"),
+    [([0.05], 8), ([0.4, 0.05], 16), ([0.4, 0.4, 0.4], 32)],  # what was refitted may be resolved at once
+)
+def test_what_is_refitted_is_by_still_shorter_steps_until_they_change_little(monkeypatch, changes, by):
+    found, notes = _refitted(monkeypatch, changes)
+    assert found == by
+    assert len(notes) == (changes[-1] > 0.1)
+    assert all(f"{by} steps a sample" in n for n in notes)
+
+
+def test_no_shorter_steps_are_tried_than_there_is_time_or_room_for(monkeypatch):
+    assert _refitted(monkeypatch, [0.4], seconds=10.0)[0] == 8  # half as long ones might take 30 s of 20
+    assert _refitted(monkeypatch, [0.4], nodes=100_000)[0] == 8
+    found, (note,) = _refitted(monkeypatch, [0.4, 0.4, 0.4], before=4)
+    assert found == 8  # on data that were simulated by a quarter of their steps before
+    assert "32 steps a sample" in note
 
 
 def test_where_still_shorter_steps_blow_up_it_stays_by_those_that_did_not(monkeypatch):
-    monkeypatch.setattr(final, "_outputs", lambda *_: None)
-    monkeypatch.setattr(final, "_change", lambda *_: 0.4)
-    monkeypatch.setattr(final, "fitted_finer", lambda *_: ("finer", None))
-    *found, notes = final._by_still_shorter(8, "by 8", None, 8, Patience(), 0.0)  # type: ignore[arg-type]
-    assert found == [8, "by 8"]
-    assert "8 steps a sample" in notes[0]
+    found, (note,) = _refitted(monkeypatch, [0.4], blows_up_by=16)
+    assert found == 8
+    assert "blow up" in note
+    found, (note,) = _refitted(monkeypatch, [np.nan], seconds=10.0)
+    assert found == 8
+    assert "blow up" in note
+
+
+def test_what_was_fitted_by_shorter_steps_is_asked_again_on_the_same_data():
+    parts, state = fitted()
+    finer, refitted, notes = resolved(state, parts)
+    assert notes == ()
+    assert resolved(refitted, finer) == (finer, refitted, ())
 
 
 def test_late_it_is_not_refitted_by_shorter_steps_and_says_what_they_would_change():
