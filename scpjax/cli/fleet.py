@@ -7,7 +7,7 @@ import glob
 import hashlib
 import json
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -198,14 +198,13 @@ def find_actuators(where: str, out: Path) -> dict[str, list[str]]:
         matches = [p for p in sorted(path.iterdir()) if not p.name.startswith(".")]
     else:
         matches = [Path(p) for p in sorted(glob.glob(where, recursive=True))]
-    found: dict[str, list[str]] = {}
+    files: dict[Path, list[str]] = {}
     for match in matches:
         if match.is_dir() and match.resolve() != out.resolve():
-            files = sorted(str(p) for p in match.glob("*.csv"))
-            if files:
-                found[_free_name(match.name, match, found)] = files
+            files[match] = sorted(str(p) for p in match.glob("*.csv"))
         elif match.suffix.lower() == ".csv" and match.is_file():
-            found[_free_name(match.stem, match, found)] = [str(match)]
+            files[match] = [str(match)]
+    found = _by_name({path: names for path, names in files.items() if names})
     if not found:
         if not matches and not path.exists():
             raise RecordingError("no such folder, and no file matches", where=where, mend="check the name")
@@ -215,10 +214,14 @@ def find_actuators(where: str, out: Path) -> dict[str, list[str]]:
     return found
 
 
-def _free_name(name: str, path: Path, taken: dict[str, list[str]]) -> str:
-    """The name, with as many of the folders before it as make it another than those taken."""
-    for parent in path.parents:
-        if name not in taken:
-            break
-        name = f"{parent.name}/{name}"
-    return name
+def _by_name(files: Mapping[Path, list[str]]) -> dict[str, list[str]]:
+    """Files by the name of their folder, or their own: with the folders before it that tell it from others', if any."""
+    parts = {path: (*path.parent.parts, path.stem if path.is_file() else path.name) for path in files}
+
+    def name(path: Path) -> str:
+        mine = parts[path]
+        alone = (k for k in range(1, len(mine) + 1) if sum(p[-k:] == mine[-k:] for p in parts.values()) == 1)
+        k = next(alone, None)  # None of a file beside a folder of the same name
+        return path.as_posix() if k is None else Path(*mine[-k:]).as_posix()
+
+    return {name(path): names for path, names in files.items()}

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from scpjax.errors import ModelError, RecordingError, ScpjaxError
+from scpjax.fit.data import output_index
 from scpjax.fit.setup import KNOWN
 from scpjax.physics.known import KNOWN_MODELS, known_model, with_drive
 from scpjax.physics.model import Model
@@ -137,9 +138,9 @@ def output_columns(model: Model, recording: Recording, extra: Mapping[str, Any])
     found: dict[int, tuple[str, Unit]] = {}
     for column in (*extra.get("response", ()), *(c.column for c in recording.output_channels)):
         stem, unit = parse_column(str(column), allow_unknown=True)
-        known = stem.split("_")[0] in _USUAL
-        if stem in stems or not known:  # a column of another name was taken for the last output
-            found.setdefault(stems.index(stem) if stem in stems else len(stems) - 1, (str(column), unit))
+        index = output_index(model.structure, stem)
+        if index is not None:
+            found.setdefault(index, (str(column), unit))
     own = model.structure.system
     for i, stem in enumerate(stems):
         suffix = _USUAL.get(stem.split("_")[0], "")

@@ -61,7 +61,11 @@ def run_predict(arguments: Namespace) -> None:
         if show:
             show("predicting", 0.1)
         time, predicted = predict(
-            model, recording, noise=extra.get("noise"), response_columns=tuple(extra.get("response", ()))
+            model,
+            recording,
+            noise=extra.get("noise"),
+            response_columns=tuple(extra.get("response", ())),
+            rooms=tuple(extra.get("rooms_K", ())),
         )
     columns = {"time_s": np.asarray(time)} | {k: np.asarray(v) for k, v in predicted.items()}
     _check_finite(columns, arguments.model)

@@ -6,7 +6,7 @@ Everything with a shape is padded so that recordings run abreast in one compiled
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import equinox as eqx
 import jax
@@ -18,6 +18,7 @@ from scpjax.errors import FitError
 from scpjax.physics.structure import Structure
 from scpjax.recordings.recording import Recording
 from scpjax.simulate.drive import Grid, make_grid
+from scpjax.units import parse_column
 
 
 class Data(eqx.Module):
@@ -165,6 +166,30 @@ def pack(
     return jax.tree.map(jnp.asarray, data)
 
 
+QUANTITIES = ("temperature", "displacement", "angle", "force")
+"""What a column is of by its name; one of another name is whatever a model gives last."""
+
+
+def output_index(structure: Structure, stem: str) -> int | None:
+    """Index of the model's output that a column of this stem stands for: its last one where the stem is a name of its
+    own (``response``, ``level``), and None where it is of a quantity that the model does not give.
+    """
+    if stem in structure.outputs:
+        return structure.outputs.index(stem)
+    return None if stem.split("_")[0] in QUANTITIES else len(structure.outputs) - 1
+
+
+def sigma_by_output(structure: Structure, noise: Mapping[str, float]) -> dict[int, float]:
+    """Noise by output index, SI, from noise per column in its unit."""
+    out: dict[int, float] = {}
+    for column, value in noise.items():
+        stem, unit = parse_column(column, allow_unknown=True)
+        j = output_index(structure, stem)
+        if j is not None:
+            out.setdefault(j, value * abs(unit.scale))
+    return out
+
+
 def columns(structure: Structure, recording: Recording) -> list[tuple[int, str]]:
     """(index among the model's outputs, stem in the recording) of every output both have.
 
@@ -177,9 +202,10 @@ def columns(structure: Structure, recording: Recording) -> list[tuple[int, str]]
         if channel.stem in structure.outputs:
             found.append((structure.outputs.index(channel.stem), channel.stem))
     if not found and len(recording.output_channels) == 1:
-        first = recording.output_channels[0].stem.split("_")[0]
-        if first not in ("temperature", "displacement", "angle", "force"):
-            return [(len(structure.outputs) - 1, recording.output_channels[0].stem)]
+        only = recording.output_channels[0].stem
+        index = output_index(structure, only)
+        if index is not None:
+            return [(index, only)]
     if not found:
         raise FitError(
             f"no column among {[c.column for c in recording.output_channels]} is an output of the model "

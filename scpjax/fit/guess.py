@@ -13,7 +13,7 @@ from scpjax.fit.data import columns
 from scpjax.fit.start import Linear, best_linear, thermal_mass_from_energy
 from scpjax.physics.structure import Structure
 from scpjax.recordings.condition import resample
-from scpjax.recordings.recording import Recording
+from scpjax.recordings.recording import Recording, place
 from scpjax.simulate.drive import drive_values, recorded_effort
 
 
@@ -68,7 +68,8 @@ def guess_base(
         every, both, outputs = _uniform(recordings[warmed], s, ambient[warmed])
         at = int(np.argmax(np.ptp(both, axis=0)))
         heated = both[:, at]
-        thermal = _thermal_guess(every, heated, outputs.get(at), gain, ambient[warmed], known)
+        where = place(recordings[warmed].metadata)
+        thermal = _thermal_guess(every, heated, outputs.get(at), gain, ambient[warmed], known, where)
     moved = _driven_most(recordings, s, [last] if s.mechanical else range(last + 1))
     r = recordings[moved]
     period, e, outputs = _uniform(r, s, ambient[moved])
@@ -123,6 +124,7 @@ def _thermal_guess(
     gain: float,
     ambient: float,
     known: Mapping[str, float],
+    where: str,
 ) -> dict[str, float]:
     """Conductance and thermal mass from a thermometer, if there is one."""
     if temperature is None:
@@ -142,6 +144,7 @@ def _thermal_guess(
     if not (np.isfinite(lam) and lam > 0 and mass > 0):
         raise FitError(
             "the temperature does not follow the drive",
+            where=where,
             mend="check that drive and temperature columns are the right ones and that the drive changes",
         )
     values["newton_cooling.conductance"], values["newton_cooling.thermal_mass"] = lam, mass

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scpjax.errors import RecordingError
 from scpjax.fit.data import columns
 from scpjax.physics.structure import Structure
 from scpjax.recordings.condition import estimate_noise
-from scpjax.recordings.recording import Recording
+from scpjax.recordings.recording import Recording, place
 
 _TOP = 0.85  # of the spectrum, above which a signal has least of itself
 _SAMPLES = 512  # from which there is enough of it
@@ -44,7 +45,12 @@ def noise_of(recordings: Sequence[Recording], structure: Structure) -> np.ndarra
             inner = slice(there[0], there[-1] + 1) if there.size else slice(None)
             if there.size:
                 ranges[j] = max(ranges[j], float(np.ptp(np.quantile(r.output(stem)[there], _NOT_WILD))))
-            seen[j].append(_look(r.output(stem)[inner], r.weight(stem)[inner], uniform=r.is_uniform))
+            try:
+                seen[j].append(_look(r.output(stem)[inner], r.weight(stem)[inner], uniform=r.is_uniform))
+            except RecordingError as error:
+                column = next(c.column for c in r.output_channels if c.stem == stem)
+                where = f"{place(r.metadata)}: column {column}"
+                raise RecordingError(error.problem, where=where, mend=error.mend) from error
     sigma = np.array([_pooled(s) if s else 1.0 for s in seen])
     return np.maximum(np.where(sigma > 0, sigma, 1e-9), _FINEST * ranges)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,7 +11,8 @@ from jaxtyping import Array, Float
 from scipy import optimize, signal
 
 from scpjax.errors import ModelError, ScpjaxError
-from scpjax.fit.data import columns
+from scpjax.fit.ambient import told_ambient
+from scpjax.fit.data import columns, output_index, sigma_by_output
 from scpjax.fit.gaps import bridged
 from scpjax.physics.model import Model
 from scpjax.physics.settled import settled
@@ -35,6 +36,7 @@ def predict(
     *,
     noise: Mapping[str, float] | None = None,
     response_columns: tuple[str, ...] = (),
+    rooms: Sequence[float] = (),
     method: Method | None = None,
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Simulate a model over the inputs of a recording.
@@ -45,16 +47,21 @@ def predict(
     A base of the user's own begins where it would stand still and show the first sample. Where the recording's clock
     skipped samples, its drive is taken to have changed along a line.
 
-    ``response_columns`` names the columns to give, in the unit of their suffix; those of the recording, else the
-    model's own in degC, mm and deg, when not given.
+    ``response_columns`` names the columns to give, in the unit of their suffix, of which those that are no output of
+    the model are left out and the first of two for one output is taken; those of the recording, else the model's own
+    in degC, mm and deg, when not given.
+
+    ``rooms`` [K] are those in which the recordings were made that the model was fitted to, where none told its own: as
+    each of these was taken to have begun in its room, so is this one, if it tells none either and begins undriven about
+    as warm as they did, or is driven by a temperature.
 
     Returns (time (n,) [s], {column: (n,)}).
 
     **Raises** `ModelError` when the recording's drives do not fit the model.
     """
-    meta = recording.metadata
-    if meta.ambient_K is not None:
-        model = eqx.tree_at(lambda m: m.ambient, model, jnp.asarray(meta.ambient_K, model.theta.dtype))
+    meta, sigma = recording.metadata, sigma_by_output(model.structure, noise or {})
+    room = _room(model, recording, rooms, sigma) if meta.ambient_K is None else meta.ambient_K
+    model = eqx.tree_at(lambda m: m.ambient, model, jnp.asarray(room, model.theta.dtype))
     first = first_state(model, recording, noise or {})
     driven, recorded = bridged(recording, model.structure.drive)
 
@@ -64,9 +71,8 @@ def predict(
 
     told = _columns(model, recording, response_columns)
     within = np.full(len(model.structure.outputs), np.inf)
-    for column, j, scale, _ in told:
-        if (noise or {}).get(column, 0.0) > 0:
-            within[j] = _RESOLVED * (noise or {})[column] * abs(scale)
+    for j, of in sigma.items():
+        within[j] = _RESOLVED * of if of > 0 else np.inf
     outputs = _resolved(model, recording, outputs_by, within) if method is None else outputs_by(method)
     if not np.all(np.isfinite(outputs)):
         raise ModelError(
@@ -78,6 +84,24 @@ def predict(
     for column, j, scale, offset in told:
         named[column] = (outputs[:, j] - offset) / scale
     return np.asarray(recording.time), named
+
+
+def _room(model: Model, recording: Recording, rooms: Sequence[float], sigma: Mapping[int, float]) -> float:
+    """Ambient [K] of a recording that tells none: of the model; or, of those of its ``rooms`` and as far beyond as they
+    differ, where it begins.
+    """
+    s, ambient = model.structure, float(model.ambient)
+    if not rooms or s.system:
+        return ambient
+    if not s.thermal:
+        counted = told_ambient(recording, s)
+        return ambient if counted is None else counted
+    first = _first_outputs(model, recording).get(0)
+    if first is None or np.any(recording.inputs[0]):
+        return ambient
+    apart = max(rooms) - min(rooms)  # by less than the noise where they were of one room
+    near = min(rooms) - apart <= first <= max(rooms) + apart
+    return first if near and apart > _CLEAR * sigma.get(0, 0.0) else ambient
 
 
 def _resolved(
@@ -104,10 +128,12 @@ def _resolved(
 
 
 def first_state(model: Model, recording: Recording, noise: Mapping[str, float]):
-    """State vector (states,) at the first sample; rest where the recording does not clearly say otherwise."""
-    s = model.structure
+    """State vector (states,) at the first sample; rest where the recording does not clearly say otherwise by ``noise``,
+    per column, in whatever unit.
+    """
+    s, sigma = model.structure, sigma_by_output(model.structure, noise)
     if s.system:
-        return settled(model, {j: y for j, (y, _, _) in _first_outputs(model, recording).items()})
+        return settled(model, _first_outputs(model, recording))
     effort0 = _first_effort(model, recording)
     rest = model.initial(effort=effort0) if not s.thermal else model.initial()
     first = _first_outputs(model, recording)
@@ -117,8 +143,8 @@ def first_state(model: Model, recording: Recording, noise: Mapping[str, float]):
     n_t = len(s.sides) if s.thermal else 0
     clear = {
         j: y - expected[j]
-        for j, (y, column, scale) in first.items()
-        if abs(y - expected[j]) > (_COLDER if j < n_t and y < expected[j] else _CLEAR) * noise.get(column, 0.0) * scale
+        for j, y in first.items()
+        if abs(y - expected[j]) > (_COLDER if j < n_t and y < expected[j] else _CLEAR) * sigma.get(j, 0.0)
     }
     if s.thermal:
         warm = np.zeros(n_t)
@@ -128,9 +154,9 @@ def first_state(model: Model, recording: Recording, noise: Mapping[str, float]):
         if n_t not in clear and not any(j < n_t for j in clear):
             return rest
         if n_t in clear and not any(j < n_t for j in first) and n_t == 1:
-            warm[0] = _as_warm_as_moved(model, clear[n_t], first[n_t][0])
+            warm[0] = _as_warm_as_moved(model, clear[n_t], first[n_t])
         both_read = all(j in first for j in range(n_t + 1))
-        beside = _beside(model, warm, first, noise) if both_read else 0.0
+        beside = _beside(model, warm, first, sigma) if both_read else 0.0
         return model.initial(jnp.asarray(warm), displaced=beside)
     return model.initial(displaced=clear.get(0, 0.0), effort=effort0)
 
@@ -156,15 +182,13 @@ def _still(model: Model, warm: np.ndarray) -> float:
     return float(model.observe(model.initial(jnp.asarray(warm)), jnp.zeros(n))[n])
 
 
-def _beside(
-    model: Model, warm: np.ndarray, first: Mapping[int, tuple[float, str, float]], noise: Mapping[str, float]
-) -> float:
+def _beside(model: Model, warm: np.ndarray, first: Mapping[int, float], sigma: Mapping[int, float]) -> float:
     """How far [m] from its equilibrium at a temperature an actuator begins; 0 where the noise, of its displacement and
     of the temperature by which its equilibrium is known, may be all of it."""
     s, n = model.structure, len(model.structure.sides)
-    still, sigma = _still(model, warm), {j: noise.get(column, 0.0) * scale for j, (_, column, scale) in first.items()}
-    doubt = np.hypot(sigma[n], sum(abs(_still(model, warm + sigma[j] * np.eye(n)[j]) - still) for j in range(n)))
-    beside = first[n][0] - still
+    still, off = _still(model, warm), [sigma.get(j, 0.0) for j in range(n + 1)]
+    doubt = np.hypot(off[n], sum(abs(_still(model, warm + off[j] * np.eye(n)[j]) - still) for j in range(n)))
+    beside = first[n] - still
     return beside * (s.pulley_radius or 1.0) if abs(beside) > _CLEAR * doubt else 0.0
 
 
@@ -204,8 +228,8 @@ def _first_effort(model: Model, recording: Recording) -> np.ndarray:
     return np.asarray(recorded_effort(model.structure, recording, ambient=float(model.ambient)))[0]
 
 
-def _first_outputs(model: Model, recording: Recording) -> dict[int, tuple[float, str, float]]:
-    """By output index: (first value in SI, column, SI per file unit) where the first sample is there."""
+def _first_outputs(model: Model, recording: Recording) -> dict[int, float]:
+    """First value in SI by output index, where the first sample is there."""
     if not recording.output_channels:
         return {}
     out = {}
@@ -214,9 +238,8 @@ def _first_outputs(model: Model, recording: Recording) -> dict[int, tuple[float,
     except ScpjaxError:  # the recording measures other things than the model predicts: nothing to start from
         return {}
     for j, stem in found:
-        channel = next(c for c in recording.output_channels if c.stem == stem)
         if recording.weight(stem)[0] > 0:
-            out[j] = (float(recording.output(stem)[0]), channel.column, channel.unit.scale)
+            out[j] = float(recording.output(stem)[0])
     return out
 
 
@@ -224,11 +247,11 @@ def _columns(model: Model, recording: Recording, wanted: tuple[str, ...]) -> lis
     """(column, output index, SI per file unit, SI at file zero)."""
     s = model.structure
     out: dict[int, tuple[str, int, float, float]] = {}
-    names = {stem: j for j, stem in enumerate(s.outputs)}
     for column in wanted:
         stem, unit = parse_column(column, allow_unknown=True)
-        j = names.get(stem, len(s.outputs) - 1)
-        out[j] = (column, j, unit.scale, unit.offset)
+        j = output_index(s, stem)
+        if j is not None:
+            out.setdefault(j, (column, j, unit.scale, unit.offset))
     if recording.output_channels:
         for j, stem in columns(s, recording):
             c = next(c for c in recording.output_channels if c.stem == stem)

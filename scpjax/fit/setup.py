@@ -116,7 +116,9 @@ def choose_model(recordings: Sequence[Recording], model: str | None = None) -> s
     """
     told = {m for m in ([model] if model else [r.metadata.model for r in recordings]) if m}
     if len(told) > 1:
-        raise FitError(f"the recordings name different models {sorted(told)}", mend="choose one with --model")
+        first = {r.metadata.model: r for r in reversed(recordings)}
+        of = ", ".join(f"{m} in {place(first[m].metadata)}" for m in sorted(told))
+        raise FitError(f"the recordings name different models: {of}", mend="choose one with --model")
     if told:
         return told.pop()
     stems = {c.stem for r in recordings for c in r.output_channels}
@@ -140,7 +142,9 @@ def structure_for(recordings: Sequence[Recording], model: str | None, extra: Seq
         return system_structure(systems()[name]).with_mechanisms(*extra)
     kinds: set[DriveKind] = {drive_kind(c.stem, name) for r in recordings for c in r.input_channels}
     if len(kinds) != 1:
-        raise FitError(f"drives of different kinds: {sorted(kinds)}", mend="fit recordings with one kind of drive")
+        first = {drive_kind(c.stem, name): r for r in reversed(recordings) for c in r.input_channels}
+        of = ", ".join(f"{kind} in {place(first[kind].metadata)}" for kind in sorted(kinds))
+        raise FitError(f"drives of different kinds: {of}", mend="fit recordings with one kind of drive")
     meta = recordings[0].metadata
     try:
         base = preset(
@@ -187,8 +191,10 @@ def prepare(
     if not recordings:
         raise FitError("no recording to fit", mend="give at least one CSV file")
     for r in recordings:
-        check_informative(r)
+        check_informative(r, ())
     s = structure_for(recordings, model)
+    for r in recordings:
+        check_informative(r, [stem for _, stem in columns(s, r)])
     s = s.with_mechanisms(*(m for m in extra if applicable(m, what_there_is(s, recordings))))
     whole = recordings if s.system is None else ()  # columns of a base of the user's own may mean anything
     recordings, cut_notes = cut_long(recordings, s)

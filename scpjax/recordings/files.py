@@ -43,9 +43,9 @@ def read_recording(
     columns (comma separated, or a list) and go before ``[roles]`` of the TOML, which goes before the column
     names. Where the TOML does not say how the input runs between
     samples, it is as ``hold`` says; without that a temperature that drives runs linearly and everything else
-    is held (zero order). With ``require_outputs=False`` a file of inputs alone will do, and responses that
-    ``[roles]`` names may be missing from it. Raises ``RecordingError``, one line with file, place, problem
-    and mend.
+    is held (zero order). With ``require_outputs=False`` a file of inputs alone will do: responses that
+    ``[roles]`` names may be missing from it, and cells of them that hold no reading count as empty. Raises
+    ``RecordingError``, one line with file, place, problem and mend.
     """
     path = Path(path)
     table = read_table(path)
@@ -64,12 +64,15 @@ def read_recording(
         where=str(path),
         require_response=require_outputs,
     )
-    columns = read_columns(table, (clock, *roles.drive, *roles.response), roles.response)
+    wanted = (clock, *roles.drive, *roles.response)
+    columns = read_columns(table, wanted, roles.response, anything=not require_outputs)
     time = columns[clock] * CLOCKS[clock]
     _check_time(table, time)
     channels = {name: Channel.parse(name) for name in (*roles.drive, *roles.response)}
-    for channel in channels.values():
-        _check_plausible(table, channel, columns[channel.column])
+    for name, channel in channels.items():
+        if name in roles.response and not require_outputs:
+            columns[name] = np.where(_implausible(channel, columns[name]), np.nan, columns[name])
+        _check_plausible(table, channel, columns[name])
     warm = all(is_temperature(channels[name].stem) for name in roles.drive)
     hold = sidecar.hold or hold or ("linear" if warm else "zero_order")
     return Recording.from_arrays(
@@ -158,26 +161,26 @@ def _check_time(table: Table, time: np.ndarray) -> None:
         )
 
 
+def _implausible(channel: Channel, values: np.ndarray) -> np.ndarray:
+    """Which values (n,) can be no temperature of an actuator, and no duty."""
+    with np.errstate(invalid="ignore"):
+        if channel.unit.quantity == "temperature":
+            si = channel.unit.to_si(values)
+            return (si < COLDEST_K) | (si > HOTTEST_K)
+        return (values < 0) | (values > 255) if channel.unit.quantity == "duty" else np.zeros(values.shape, bool)
+
+
 def _check_plausible(table: Table, channel: Channel, values: np.ndarray) -> None:
-    si = channel.unit.to_si(values)
-    where = f"{table.where}: column {channel.column}"
-    if channel.unit.quantity == "temperature":
-        with np.errstate(invalid="ignore"):
-            bad = (si < COLDEST_K) | (si > HOTTEST_K)
-        if bad.any():
-            row = int(np.argmax(bad))
-            raise RecordingError(
-                f"{values[row]:g} {channel.unit.suffix} at line {table.line(row)} is no temperature here",
-                where=where,
-                mend="kelvin, Fahrenheit or ADC counts? convert to degC, and leave failed samples empty",
-            )
-    if channel.unit.quantity == "duty":
-        with np.errstate(invalid="ignore"):
-            bad = (values < 0) | (values > 255)
-        if bad.any():
-            row = int(np.argmax(bad))
-            raise RecordingError(
-                f"pwm {values[row]:g} at line {table.line(row)} is not in 0..255",
-                where=where,
-                mend="write counts from 0 to 255",
-            )
+    bad = _implausible(channel, values)
+    if not bad.any():
+        return
+    row = int(np.argmax(bad))
+    problem, mend = (
+        (f"pwm {values[row]:g} at line {table.line(row)} is not in 0..255", "write counts from 0 to 255")
+        if channel.unit.quantity == "duty"
+        else (
+            f"{values[row]:g} {channel.unit.suffix} at line {table.line(row)} is no temperature here",
+            "kelvin, Fahrenheit or ADC counts? convert to degC, and leave failed samples empty",
+        )
+    )
+    raise RecordingError(problem, where=f"{table.where}: column {channel.column}", mend=mend)

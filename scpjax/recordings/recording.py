@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -250,8 +250,10 @@ def place(metadata: Metadata | None) -> str:
     return (metadata.path or metadata.name if metadata else "") or "recording"
 
 
-def check_informative(recording: Recording) -> None:
-    """``RecordingError`` where nothing can be learned: a constant drive, an output missing or constant."""
+def check_informative(recording: Recording, outputs: Collection[str] | None = None) -> None:
+    """``RecordingError`` where nothing can be learned: a constant drive, an output missing or constant, of all or of
+    those with these stems.
+    """
     where = place(recording.metadata)
     drives = ", ".join(c.column for c in recording.input_channels)
     if np.ptp(recording.inputs, axis=0).max() <= 1e-9 * max(1e-6, np.abs(recording.inputs).max()):
@@ -261,6 +263,8 @@ def check_informative(recording: Recording) -> None:
             mend="use a step or multilevel excitation",
         )
     for i, channel in enumerate(recording.output_channels):
+        if outputs is not None and channel.stem not in outputs:
+            continue
         seen = recording.outputs[recording.weights[:, i] > 0, i]
         problem = "has no values" if seen.size == 0 else "never changes" if np.ptp(seen) == 0 else ""
         if problem:

@@ -20,6 +20,8 @@ CLOCKS = {"time_s": 1.0, "time_ms": 1e-3, "index": 1.0}
 _A_TIME = re.compile(r"(time|t|timestamp|sec|secs|seconds)([ _(\[]*(s|ms|sec|seconds|millis)[)\]]?)?", re.IGNORECASE)
 """Names of a column that gives the time, though not as we write it; beside one, ``index`` counts rows."""
 
+_MILLISECONDS = ("ms", "msec", "millis", "milliseconds")
+
 MISSING = ("", "nan", "na", "n/a", "null", "none", "-")
 _DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab"}
 
@@ -48,10 +50,11 @@ class Table:
         for name in CLOCKS:
             if name in self.names and not (name == "index" and any(map(_A_TIME.fullmatch, self.names))):
                 return name
-        close = [name for name in self.names if name.lower().startswith(("time", "t_", "t ", "t(", "sec"))]
+        close = [name for name in self.names if name.lower().startswith(("time", "t_", "t ", "t(", "sec", "milli"))]
+        close += [name for name in self.names if name.lower() in _MILLISECONDS and name not in close]
         close.sort(key=lambda name: not _A_TIME.fullmatch(name))
         close += difflib.get_close_matches("time_s", self.names, n=1)
-        mend = f"rename '{close[0]}' to 'time_s'" if close else "name the column of times in seconds 'time_s'"
+        mend = _as_a_clock(close[0]) if close else "name the column of times in seconds 'time_s'"
         raise RecordingError(
             f"no column 'time_s' among {', '.join(self.names)}", where=f"{self.where}: header", mend=mend
         )
@@ -118,15 +121,18 @@ def read_text(path: str | Path) -> str:
     return text
 
 
-def read_columns(table: Table, wanted: tuple[str, ...], optional: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """The ``wanted`` columns (n,) as float64; an empty cell is NaN in an ``optional`` column, else an error.
+def read_columns(
+    table: Table, wanted: tuple[str, ...], optional: tuple[str, ...], *, anything: bool = False
+) -> dict[str, np.ndarray]:
+    """The ``wanted`` columns (n,) as float64; an empty cell is NaN in an ``optional`` column, else an error. So is
+    ``anything`` there that is no finite number, if told.
 
     Raises ``RecordingError`` naming the line for ragged rows, text in a cell, an infinite value or a
     missing one.
     """
     values = _read_fast(table)
     columns = (
-        _read_slow(table, wanted, optional)
+        _read_slow(table, wanted, optional, anything)
         if values is None
         else {name: values[:, table.names.index(name)] for name in wanted}
     )
@@ -136,6 +142,8 @@ def read_columns(table: Table, wanted: tuple[str, ...], optional: tuple[str, ...
             where=f"{table.where}:line {table.header_line}",
             mend="record again, or export again",
         )
+    for name in optional if anything else ():
+        columns[name] = np.where(np.isinf(columns[name]), np.nan, columns[name])
     for name in wanted:
         bad = np.isinf(columns[name]) if name in optional else ~np.isfinite(columns[name])
         if bad.any():
@@ -145,6 +153,16 @@ def read_columns(table: Table, wanted: tuple[str, ...], optional: tuple[str, ...
                 f"column '{name}' {word}", where=table.place(row), mend="repair the cell or remove the row"
             )
     return columns
+
+
+def _as_a_clock(name: str) -> str:
+    """How to make a column the clock: milliseconds by another name, other units of time by their values."""
+    words = re.findall(r"[a-zµμ]+", name.lower())
+    if words[-1:] and words[-1] in _MILLISECONDS:
+        return f"rename '{name}' to 'time_ms'"
+    if len(words) < 2 or words[-1] in ("s", "sec", "secs", "second", "seconds"):
+        return f"rename '{name}' to 'time_s'"
+    return f"name the times 'time_s', in seconds: '{name}' does not say that it is in these"
 
 
 def _is_data(line: str) -> bool:
@@ -163,7 +181,9 @@ def _read_fast(table: Table) -> np.ndarray | None:
     return values if values.size and values.shape[1] == len(table.names) else None
 
 
-def _read_slow(table: Table, wanted: tuple[str, ...], optional: tuple[str, ...]) -> dict[str, np.ndarray]:
+def _read_slow(
+    table: Table, wanted: tuple[str, ...], optional: tuple[str, ...], anything: bool
+) -> dict[str, np.ndarray]:
     index = [(name, table.names.index(name), name in optional) for name in wanted]
     values: dict[str, list[float]] = {name: [] for name in wanted}
     for line, row in _rows(table):
@@ -177,7 +197,7 @@ def _read_slow(table: Table, wanted: tuple[str, ...], optional: tuple[str, ...])
                 mend="repair or remove the line",
             )
         for name, column, may_miss in index:
-            values[name].append(_cell(row[column], name, place, table.delimiter, may_miss))
+            values[name].append(_cell(row[column], name, place, table.delimiter, may_miss, may_miss and anything))
     return {name: np.array(column) for name, column in values.items()}
 
 
@@ -202,7 +222,7 @@ def _without_comments(lines: Iterable[str]) -> Iterator[str]:
         yield text
 
 
-def _cell(cell: str, name: str, place: str, delimiter: str, may_miss: bool) -> float:
+def _cell(cell: str, name: str, place: str, delimiter: str, may_miss: bool, anything: bool) -> float:
     text = cell.strip().strip('"').strip()
     if text.lower() in MISSING:
         if may_miss:
@@ -211,6 +231,8 @@ def _cell(cell: str, name: str, place: str, delimiter: str, may_miss: bool) -> f
     value = _number(text.replace(",", ".") if delimiter != "," else text)
     if value is not None:
         return value
+    if anything:
+        return np.nan
     if re.fullmatch(r"[+-]?\d+,\d+", text):
         problem, mend = f"decimal comma '{text}' in column '{name}'", "export with decimal points"
     else:

@@ -49,7 +49,7 @@ def write_diagnosis(
     """
     d, out = diagnosis, Path(out_dir)
     write_json(out / "diagnosis.json", d.to_json())
-    save_model(d.model, out / "model.json", extra=model_extra(recordings, d.base.noise))
+    save_model(d.model, out / "model.json", extra=model_extra(recordings, d.base.noise, d.model.structure))
     base_label, after_label = _labels(d)
     files = overlays(d.traces, d.base.noise, (base_label, after_label))
     names = list(dict.fromkeys(t.recording for t in d.traces))

@@ -45,7 +45,7 @@ def write_fit(
     """
     out = Path(out_dir)
     write_json(out / "fit.json", {"schema": "scpjax.fit/1", "version": scpjax.__version__, **fit_json(fit)})
-    save_model(fit.model, out / "model.json", extra=model_extra(recordings, fit.noise))
+    save_model(fit.model, out / "model.json", extra=model_extra(recordings, fit.noise, fit.model.structure))
     files = overlays(fit.traces, fit.noise, ("fit", "fit"))
     write_figures(out, files)
     s = fit.model.structure

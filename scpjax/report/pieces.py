@@ -13,8 +13,11 @@ from typing import Any
 import numpy as np
 
 import scpjax
+from scpjax.fit.ambient import ambients
+from scpjax.fit.data import sigma_by_output
 from scpjax.fit.result import Estimate, Trace
 from scpjax.physics.catalogue import catalogue
+from scpjax.physics.structure import Structure
 from scpjax.recordings.files import write_text
 from scpjax.recordings.recording import Recording
 from scpjax.report import page, plot
@@ -23,8 +26,10 @@ from scpjax.report.numbers import column, estimate, interval, number, unit
 _SHOWN = 4  # recordings whose overlay is in the page; all are in figures/
 
 
-def model_extra(recordings: Sequence[Recording], noise: Mapping[str, float] | None = None) -> dict[str, Any]:
-    """What is kept beside a model fitted on these recordings, so that it can be used on others."""
+def model_extra(recordings: Sequence[Recording], noise: Mapping[str, float], structure: Structure) -> dict[str, Any]:
+    """What is kept beside a model fitted on these recordings, so that it can be used on others; where none of them told
+    how warm its room was, what was taken for that.
+    """
     if not recordings:
         return {}
     first = recordings[0]
@@ -33,8 +38,11 @@ def model_extra(recordings: Sequence[Recording], noise: Mapping[str, float] | No
         "response": list(dict.fromkeys(c.column for r in recordings for c in r.output_channels)),
         "hold": first.hold,
         "recordings": [r.metadata.path or r.metadata.name for r in recordings],
-        "noise": dict(noise or {}),
+        "noise": dict(noise),
     }
+    if not structure.system and all(r.metadata.ambient_K is None for r in recordings):
+        rooms, _ = ambients(recordings, structure, sigma_by_output(structure, noise).get(0, 0.0))
+        extra["rooms_K"] = rooms
     if first.metadata.supply_V is not None:
         extra["supply_V"] = first.metadata.supply_V
     return extra

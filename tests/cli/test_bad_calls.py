@@ -263,4 +263,15 @@ def test_actuators_of_a_glob_keep_names_of_their_own(tmp_path):
         (tmp_path / name / "run" / "step.csv").write_text(rows())
     found = find_actuators(str(tmp_path / "*" / "run" / "step.csv"), tmp_path / "out")
     assert sorted(len(f) for f in found.values()) == [1, 1, 1]
-    assert sorted(f[0] for f in found.values()) == [str(tmp_path / n / "run" / "step.csv") for n in "abc"]
+    assert found == {f"{n}/run/step": [str(tmp_path / n / "run" / "step.csv")] for n in "abc"}
+    found = find_actuators(str(tmp_path / "*" / "run"), tmp_path / "out")
+    assert sorted(found) == ["a/run", "b/run", "c/run"]
+    (tmp_path / "a.csv").write_text(rows())
+    (tmp_path / "c" / "own.csv").write_text(rows())
+    (tmp_path / "a" / "own.csv").write_text(rows())
+    found = find_actuators(str(tmp_path), tmp_path / "out")  # a folder and a file beside it of the same name
+    assert len(found) == 3
+    assert found["c"] == [str(tmp_path / "c" / "own.csv")]
+    assert sorted(f for files in found.values() for f in files) == sorted(
+        str(p) for p in (tmp_path / "a.csv", tmp_path / "a" / "own.csv", tmp_path / "c" / "own.csv")
+    )

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scpjax.fit.predict import period_of, predict
+from scpjax.fit.predict import first_state, period_of, predict
 from scpjax.physics import presets
 from scpjax.physics.catalogue import mechanism
 from scpjax.physics.model import Model
 from scpjax.physics.presets import tm
-from scpjax.recordings.recording import Recording
+from scpjax.recordings.recording import Metadata, Recording
 from scpjax.simulate.simulate import Exponential, simulate
 
 # a weight that rings at 31 rad/s and forgets within half a second
@@ -127,3 +127,77 @@ def test_where_a_step_goes_astray_it_is_halved():
     error = np.std(said["displacement_m"] - wanted)
     assert error < 0.01 * np.std(wanted)
     assert error < 0.1 * np.std(ringing - wanted)
+
+
+PLANT = presets.plant(
+    resistance=1.2, conductance=0.1, thermal_mass=1.0, coefficient=0.02, stiffness=180.0, damping=8.0, mass=0.25
+)
+
+
+def heated(columns: dict[str, float], *, first: float = 0.0, ambient: float | None = 293.15) -> Recording:
+    """A step after 5 s, with a reading of each column at every stamp."""
+    time = 0.1 * np.arange(200)
+    drive = np.where(time < 5.0, first, 3.0)
+    outputs = {c: np.full(time.size, y) for c, y in columns.items()}
+    return Recording.from_arrays(time, {"voltage_V": drive}, outputs, metadata=Metadata(ambient_K=ambient))
+
+
+@pytest.mark.parametrize(
+    "fitted", [("temperature_degC", "displacement_mm", "force_N"), ("force_N", "temperature_degC")]
+)
+def test_a_column_that_the_model_does_not_give_is_not_made_up(fitted):
+    said = predict(PLANT, heated({"temperature_degC": 20.0, "force_N": 1.0}), response_columns=fitted)[1]
+    assert set(said) == {c for c in fitted if c != "force_N"} | {"temperature_degC"}
+    alone = predict(PLANT, heated({"temperature_degC": 20.0, "displacement_mm": 0.0}))[1]
+    for column in said:
+        np.testing.assert_array_equal(said[column], alone[column])
+
+
+def test_of_two_units_of_one_output_the_first_is_taken():
+    told = ("displacement_mm", "displacement_m", "level_V")
+    _, said = predict(PLANT, heated({"displacement_m": 0.0}), response_columns=told)
+    assert list(said) == ["displacement_mm"]
+
+
+@pytest.mark.parametrize("column", ["displacement_mm", "displacement_m"])
+def test_noise_is_that_of_the_sensor_in_whatever_unit_a_file_has(column):
+    """A first reading within the noise is no start away from rest."""
+    off = 0.03 if column == "displacement_mm" else 3e-5
+    noise = {"displacement_mm": 0.02, "temperature_degC": 0.1}
+    begun = first_state(PLANT, heated({column: off}), noise)
+    np.testing.assert_array_equal(begun, PLANT.initial())
+    assert float(np.max(np.abs(first_state(PLANT, heated({column: 10 * off}), noise)))) > 0
+
+
+@pytest.mark.parametrize(
+    ("rooms", "first", "begins", "room"),
+    [
+        ((295.0, 297.0), 0.0, 296.0, 296.0),  # as those it was fitted to, it began in its own room
+        ((295.0, 297.0), 0.0, 298.5, 298.5),
+        ((295.0, 297.0), 0.0, 310.0, 295.0),  # that is no room like these: it began warm
+        ((295.0, 297.0), 3.0, 296.0, 295.0),  # driven from the start
+        ((295.0, 295.0), 0.0, 296.0, 295.0),  # they were of one room
+        ((), 0.0, 296.0, 295.0),
+    ],
+)
+def test_a_recording_that_tells_no_room_began_in_its_own_as_others_did(rooms, first, begins, room):
+    model = Model(PLANT.structure, PLANT.theta, PLANT.laws, 295.0)
+    recording = heated({"temperature_degC": begins - 273.15}, first=first, ambient=None)
+    noise = {"temperature_degC": 0.1}
+    _, said = predict(model, recording, noise=noise, rooms=rooms)
+    inside = Model(PLANT.structure, PLANT.theta, PLANT.laws, room)
+    _, wanted = predict(inside, recording.with_metadata(Metadata(ambient_K=room)), noise=noise)
+    np.testing.assert_allclose(said["temperature_degC"], wanted["temperature_degC"], atol=1e-6)
+    told = predict(model, recording.with_metadata(Metadata(ambient_K=290.0)), noise=noise, rooms=rooms)[1]
+    assert abs(told["temperature_degC"][0] - (begins - 273.15)) < 0.01  # what it tells goes before
+
+
+def test_a_temperature_that_drives_counts_from_its_first_where_no_room_was_told():
+    time = 0.1 * np.arange(100)
+    warm = 310.0 - 273.15 + 20.0 * np.minimum(time / 5.0, 1.0)
+    model = tm(coefficient=0.02, stiffness=180.0, damping=8.0, mass=0.25)
+    model = Model(model.structure, model.theta, model.laws, 295.0)
+    recording = Recording.from_arrays(time, {"temperature_degC": warm}, {}, hold="linear", require_outputs=False)
+    moved = [predict(model, recording, rooms=rooms)[1]["displacement_mm"] for rooms in ((), (295.0,))]
+    assert moved[0][0] > 1.0  # 15 K above the model's room
+    assert moved[1][0] == pytest.approx(0.0, abs=1e-9)

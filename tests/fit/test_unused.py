@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from scpjax.errors import RecordingError
 from scpjax.fit.setup import KNOWN, prepare
 from scpjax.recordings import read_recording
 from scpjax.recordings.plausible import LOOK
@@ -25,6 +26,22 @@ def test_a_column_that_no_model_gives(tmp_path):
     assert [n for n in notes if "not fitted" in n] == [
         "force_N is not fitted: the model plant gives temperature, displacement"
     ]
+
+
+def test_what_is_not_fitted_may_stand_still(tmp_path):
+    """The load of an isotonic test, beside a displacement; one that should have moved is refused."""
+    told(tmp_path, ("displacement_mm", "force_N"))
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+
+    def still(at):
+        cells = [line.split(",") for line in lines[1:]]
+        return [lines[0], *(",".join([*row[:at], "1.5", *row[at + 1 :]]) for row in cells)]
+
+    (tmp_path / "a.csv").write_text("\n".join(still(3)))
+    assert any("force_N is not fitted" in n for n in prepare([read_recording(tmp_path / "a.csv")]).notes)
+    (tmp_path / "a.csv").write_text("\n".join(still(2)))
+    with pytest.raises(RecordingError, match="displacement_mm never changes"):
+        prepare([read_recording(tmp_path / "a.csv")])
 
 
 @pytest.mark.parametrize(("key", "said"), [("mass_kg", True), ("moving_mass_kg", False), ("supply_V", False)])

@@ -2,6 +2,7 @@
 
 import os
 
+import numpy as np
 import pytest
 from made_files import HEADER, rows, table, write
 
@@ -18,6 +19,11 @@ BROKEN: dict[str, tuple[str | bytes, str, str]] = {
     "no header": (NUMBERS, "run.csv:line 1", "add a first line"),
     "no time": (table(HEADER.replace("time_s", "t")), "run.csv", "time_s"),
     "time without unit": (table(HEADER.replace("time_s", "time")), "run.csv", "rename 'time'"),
+    "milliseconds by another name": (table(HEADER.replace("time_s", "t_ms")), "run.csv", "rename 't_ms' to 'time_ms'"),
+    "milliseconds in words": (table(HEADER.replace("time_s", "Time (ms)")), "run.csv", "to 'time_ms'"),
+    "millis": (table(HEADER.replace("time_s", "millis")), "run.csv", "rename 'millis' to 'time_ms'"),
+    "minutes": (table(HEADER.replace("time_s", "time_min")), "run.csv", "'time_min' does not say"),
+    "seconds in words": (table(HEADER.replace("time_s", "Time [sec]")), "run.csv", "rename 'Time [sec]' to 'time_s'"),
     "no unit": (table(HEADER.replace("_mm", "")), "column displacement", "displacement_mm"),
     "wrong unit": (table(HEADER.replace("_mm", "_inch")), "column displacement_inch", "displacement_cm"),
     "wrong quantity": (table(HEADER.replace("_mm", "_V")), "column displacement_V", "displacement_mm"),
@@ -86,6 +92,29 @@ def test_broken_files(tmp_path, name):
     with pytest.raises(RecordingError) as caught:
         read_recording(write(tmp_path, text))
     check_message(caught.value, place, word, "run.csv")
+
+
+@pytest.mark.parametrize(
+    ("cell", "column"),
+    [("-127", 2), ("2980", 2), ("ERR", 2), ("inf", 3), ("nan", 3), ("", 3)],
+)
+def test_of_a_file_that_is_to_be_predicted_only_the_drive_need_be_whole(tmp_path, cell, column):
+    """What a failed sensor wrote counts as empty there: nothing but its first reading is looked at."""
+    row = ["0.5", "3", "25.5", "0.5"]
+    row[column] = cell
+    path = write(tmp_path, table(change={5: ",".join(row)}))
+    read = read_recording(path, require_outputs=False)
+    stem = ("temperature", "displacement")[column - 2]
+    assert np.flatnonzero(read.weight(stem) == 0).tolist() == [5]
+    assert np.all(read.weight("displacement" if column == 2 else "temperature") == 1)
+    if cell not in ("nan", ""):
+        with pytest.raises(RecordingError):
+            read_recording(path)
+    row[column], row[1] = "25.5", cell or "nan"
+    with pytest.raises(RecordingError):
+        read_recording(
+            write(tmp_path, table(change={5: ",".join(row)}).replace("voltage_V", "pwm")), require_outputs=False
+        )
 
 
 BROKEN_TOML: dict[str, tuple[str, str, str]] = {
