@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from scpjax.abreast import abreast
 from scpjax.diagnose.evidence import Comparison, Evidence, compare, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
@@ -80,7 +81,12 @@ def contested(
         after = afresh(s, split, own=far)
         return after if after.cost < s.cost else s
 
-    return {name: {law: again(name, s) for law, s in laws.items()} for name, laws in fitted.items()}
+    each = [(name, law, s) for name, laws in fitted.items() for law, s in laws.items()]
+    found = abreast(lambda one: again(one[0], one[2]), each)
+    out: dict[str, dict[int, State]] = {name: {} for name in fitted}
+    for (name, law, _), after in zip(each, found, strict=True):
+        out[name][law] = after
+    return out
 
 
 def _best_law(m: Mechanism, found: Sequence[Comparison], split: Split, rules: Evidence) -> Comparison:

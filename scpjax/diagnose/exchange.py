@@ -51,9 +51,10 @@ def exchanged(
     choice = replace(choice, state=_laws_again(choice.state, split, rules, patience))
     first = choice.state.names[0]
     hopeless: set[tuple[str, str]] = set()
+    stood: dict[str, State] = {}
     for _ in range(_PASSES):
         laws = choice.state.laws
-        choice = _each_exchanged(choice, base, split, rules, catalogue, hopeless, patience)
+        choice = _each_exchanged(choice, base, split, rules, catalogue, hopeless, stood, patience)
         if choice.state.laws == laws or not _is_far(choice.state, split):
             break
     if first in choice.state.names[1:]:
@@ -68,15 +69,20 @@ def _laws_again(state: State, split: Split, rules: Evidence, patience: Patience)
     is amiss; in a hurry then, and near the noise.
     """
     in_a_hurry = partial(under_every_law, hurried=True)
+    stood: dict[str, State] = {}
     for turn in range(_PASSES):
         before = state
         for name in state.names:
             amiss = _is_far(state, split) or strained(state)
             if (at_noise(state, split) and not amiss) or (turn and (not amiss or patience.over())):
                 return state
+            if stood.get(name) is state:
+                continue
             other = (under_every_law if amiss and not patience.over() else in_a_hurry)(state, name, split)
             if is_better(other, state, split, rules):
                 state = other
+            else:
+                stood[name] = state
         if state is before:
             break
     return state
@@ -89,9 +95,12 @@ def _each_exchanged(
     rules: Evidence,
     catalogue: Setup,
     hopeless: set[tuple[str, str]],
+    stood: dict[str, State],
     patience: Patience,
 ) -> Choice:
-    """Every name exchanged in turn; ``hopeless`` collects what did so badly in whose place that it is tried no more."""
+    """Every name exchanged in turn; ``hopeless`` collects what did so badly in whose place that it is tried no more,
+    and ``stood`` in which hypothesis a name was left in its place: there it is asked for no more.
+    """
 
     def alike(a: State, b: State) -> bool:
         return are_equal(a, b, base, split, rules)
@@ -100,7 +109,7 @@ def _each_exchanged(
         state = choice.state
         if len(state.names) < 2 or patience.late(_EXCHANGE):
             break
-        if name not in state.names:
+        if name not in state.names or stood.get(name) is state:
             continue
         far = _is_far(state, split)
         if far and patience.over():
@@ -132,6 +141,8 @@ def _each_exchanged(
                 best = other
         equal = [o for o, s in found.items() if o != best and alike(s, found[best])]
         after = found[best]
+        if after is state:
+            stood[name] = state
         if best != name == state.names[0]:  # in its place also in the order in which they are told of
             after = in_order(after, best, split)
         choice = _with(choice, after, name, best, equal)

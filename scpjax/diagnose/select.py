@@ -106,7 +106,7 @@ def _away_from_noise(
         both = _two_at_once(search, rounds, leaders, choice.state, tell)
         choice = _choice(both) if both else choice
     if not at_noise(choice.state, split, FAR):
-        other = _by_another_way(search, rounds[0][0], rooms, leaders, choice.state, tell)
+        other = _by_another_way(search, rounds, rooms, leaders, choice.state, tell)
         choice = choice if other is None else mend(_choice(other))
     return choice
 
@@ -200,21 +200,25 @@ def _surer(way: Branch, chance: Mapping[str, float]) -> Branch:
 
 def _by_another_way(
     search: Search,
-    first: Tried,
+    rounds: Sequence[Sequence[Tried]],
     rooms: Sequence[Branch],
     leaders: Sequence[Branch],
     best: State,
     tell: Callable[[str, int], None],
 ) -> Branch | None:
-    """The best of ways that begin with another name of the first round, or with one of ``rooms``, each gone on for as
-    long as it leads what led at its length; None where none is better than ``best``, where the search has come to.
+    """The best of ways that begin with another name of the first of the ``rounds``, or with one of ``rooms``, each gone
+    on for as long as it leads what led at its length; None where none is better than ``best``, where the search has
+    come to. One that the second round has gone on with does not lead what led then.
     A room that differs by recording can take many forms: with it the noise has to be reached.
 
     What speaks for the name with which such a way begins is all that the way has ahead of what led before.
     """
     split, rules = search.split, search.rules
     leader: Branch | None = None
+    first = rounds[0][0]
+    gone = [found.way.state.names for found in rounds[1]] if rounds[1:] else []
     others = [c for c in first.accepted if c.added not in leaders[0].state.names][:_OTHERS]
+    others = [c for c in others if (c.added,) not in gone]
     ways = [(ROOM, lambda room=room: room) for room in rooms]
     ways += [(c.added, lambda c=c: named(search, first, c)) for c in others]
     for name, begin in ways:

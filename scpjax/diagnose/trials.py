@@ -135,6 +135,8 @@ def in_order(state: State, first: str, split: Split) -> State:
     """
     structure = state.setup.structure
     ordered = sorted(structure.mechanisms, key=lambda m: 0 if m.is_base else 1 if m.name == first else 2)
+    if tuple(ordered) == tuple(structure.mechanisms):
+        return state
     setup = restructured(state.setup, replace(structure, mechanisms=tuple(ordered)))
     trial = trial_at(setup, *moved(state, setup))
     residual = residual_on(trial, split.whole, setup)

@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 from scpjax.abreast import abreast
 from scpjax.compiled import forget, quickly_compiled
 from scpjax.fit.data import Data
+from scpjax.fit.ends import End, Ends, key_of
 from scpjax.fit.marquardt import Marquardt
 from scpjax.fit.problem import Space, Trial, residuals_of, sensitivities, simulated
 
@@ -137,10 +138,26 @@ def evaluate(trials: Trial, data: Data, space: Space) -> Solution:
 def solve_all(
     trials: Sequence[Trial], data: Data, space: Space, *, max_steps: int, tolerance: float = 1e-3
 ) -> tuple[list[Trial], np.ndarray, np.ndarray]:
-    """(trials where they ended, costs (trials,), inf where none is finite, whether at rest there)."""
-    found = solve(stack(trials), data, space, max_steps=max_steps, tolerance=tolerance)
-    done = [eqx.tree_at(lambda t: t.free, trial, found.free[i]) for i, trial in enumerate(trials)]
-    return done, np.where(np.isfinite(found.cost), found.cost, np.inf), np.asarray(found.converged)
+    """(trials where they ended, costs (trials,), inf where none is finite, whether at rest there). Those that were
+    fitted to these data before, or are among them twice, are not again.
+    """
+    keys = [key_of(trial, space) for trial in trials]
+    found_before = {key: _ENDS.find(data, key, max_steps, tolerance) for key in keys}
+    ends = {key: end for key, end in found_before.items() if end is not None}
+    new = {key: trial for key, trial in zip(keys, trials, strict=True) if key not in ends}
+    if new:
+        found = solve(stack([*new.values()]), data, space, max_steps=max_steps, tolerance=tolerance)
+        for i, key in enumerate(new):
+            rested, steps = bool(found.converged[i]), int(found.steps[i])
+            ends[key] = End(np.array(found.free[i]), float(found.cost[i]), rested, steps, max_steps, tolerance)
+            _ENDS.keep(data, key, ends[key])
+    told = [ends[key] for key in keys]
+    done = [eqx.tree_at(lambda t: t.free, trial, end.free.copy()) for trial, end in zip(trials, told, strict=True)]
+    cost = np.array([end.cost for end in told])
+    return done, np.where(np.isfinite(cost), cost, np.inf), np.array([end.rested for end in told])
+
+
+_ENDS = Ends()
 
 
 def binned_of(trials: Sequence[Trial], data: Data, space: Space) -> np.ndarray:
