@@ -89,8 +89,17 @@ def binned_residuals(
     )(data, jnp.arange(local_values.shape[0]), local_values)
 
 
-def _binned(model: Model, data: Data, locals_: Locals, values: Float[Array, " l"]) -> Float[Array, "k y"]:
-    """`binned_residuals` of one recording: ``data`` without its leading axis, ``model`` its own."""
+def _last(data: Data) -> Array:
+    """Bins of the recordings up to the last with a sample that counts: what comes after is read by no residual."""
+    return jnp.max(jnp.where(jnp.any(jnp.isfinite(data.norm), axis=(0, 2)), jnp.arange(data.norm.shape[1]) + 1, 0))
+
+
+def _binned(
+    model: Model, data: Data, locals_: Locals, values: Float[Array, " l"], last: Array | None = None
+) -> Float[Array, "k y"]:
+    """`binned_residuals` of one recording: ``data`` without its leading axis, ``model`` its own. It is simulated up to
+    the bin ``last``, the same for all that are side by side, or to its end.
+    """
     grid = data.grids
     m = _in_room(model, jnp.asarray(data.ambient))
     z0 = initial_state(m, locals_, values, jnp.asarray(data.start_effort))
@@ -113,9 +122,18 @@ def _binned(model: Model, data: Data, locals_: Locals, values: Float[Array, " l"
         (z, y, total), _ = jax.lax.scan(step, (*carry, zero), xs)
         return (z, y), total
 
+    def one_of_some(carry: Any, xs: Any) -> Any:
+        place, mine = xs
+        idle = lambda carry, _: (carry, [jnp.zeros_like(carry[1][i]) for i in range(n_y)])  # noqa: E731
+        return jax.lax.cond(place < last, one_bin, idle, carry, mine)
+
     z = [z0[i] for i in range(z0.shape[0])]
     first = observe(z, ends(drive[0])[0])
-    _, totals = jax.lax.scan(one_bin, (z, first), (fold(drive), fold(data.at_start), fold(data.at_end)))
+    folded = (fold(drive), fold(data.at_start), fold(data.at_end))
+    if last is None:
+        _, totals = jax.lax.scan(one_bin, (z, first), folded)
+    else:
+        _, totals = jax.lax.scan(one_of_some, (z, first), (jnp.arange(bins), folded))
     return (jnp.stack(totals, axis=-1) - data.target) / data.norm
 
 
@@ -187,9 +205,11 @@ def residuals_of(values: Float[Array, "m all"], laws: Float[Array, "m mechanisms
     def of_one(mine: Data, i: Array) -> Array:
         def of_model(value: Array, law: Array) -> Array:
             model, local_values = _parts(value, law, space)
-            return _whitened(_binned(model.of_recording(i), mine, space.locals, local_values[i]), mine)
+            return _whitened(_binned(model.of_recording(i), mine, space.locals, local_values[i], last), mine)
 
         return jax.vmap(of_model)(values, laws)
+
+    last = _last(data)
 
     # recordings outside and models inside: the inner one is the axis along which a processor computes side by side
     over = (data.by_recording(), 0)
@@ -237,8 +257,10 @@ def sensitivities(
     if together:
         return along(lambda x: residuals(x, trial, data, space, robust=robust))
 
+    last = _last(data)
+
     def of_one(mine: Data, i: Array) -> tuple[Array, Array]:
-        return along(lambda x: _misfit(x, trial, space, robust, mine, i))
+        return along(lambda x: _misfit(x, trial, space, robust, mine, i, last))
 
     of_data, slopes = jax.vmap(of_one, in_axes=(data.by_recording(), 0))(data, jnp.arange(space.n_recordings))
     others, other_slopes = along(lambda x: _beside(x, trial, space))
@@ -255,10 +277,12 @@ def known(jacobian: Float[Array, "m moving"]) -> Float[Array, "m moving"]:
     return jax.lax.cond(whole, lambda j: j, lambda j: jnp.where(jnp.isfinite(j), j, 0.0), jacobian)
 
 
-def _misfit(moving: Array, trial: Trial, space: Space, robust: float, mine: Data, i: Array) -> Float[Array, "k y"]:
-    """Filtered residuals of recording ``i``, which ``mine`` is."""
+def _misfit(
+    moving: Array, trial: Trial, space: Space, robust: float, mine: Data, i: Array, last: Array | None = None
+) -> Float[Array, "k y"]:
+    """Filtered residuals of recording ``i``, which ``mine`` is, simulated up to the bin ``last``."""
     model, local_values = unpack(trial.free.at[trial.index].set(moving), trial, space)
-    r = _whitened(_binned(model.of_recording(i), mine, space.locals, local_values[i]), mine)
+    r = _whitened(_binned(model.of_recording(i), mine, space.locals, local_values[i], last), mine)
     return soften(r, robust) if robust > 0 else r
 
 

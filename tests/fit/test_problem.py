@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from scpjax.diagnose.holdout import split
 from scpjax.diagnose.hypothesis import grown, trial_at
-from scpjax.fit.problem import residuals, residuals_of, sensitivities, soften
+from scpjax.fit.problem import CEILING, residuals, residuals_of, sensitivities, soften
 from scpjax.fit.setup import prepare
 from scpjax.physics.catalogue import mechanism
 from scpjax.recordings import read_recording
@@ -41,6 +42,32 @@ def test_the_jacobian_is_the_derivative_of_the_residuals(name, order, robust):
     assert np.linalg.norm(jacobian @ direction - expected) < 1e-5 * size
     forward = jax.jvp(plain, (moving,), (jnp.asarray(direction),))[1]
     np.testing.assert_allclose(jacobian @ direction, forward, rtol=1e-6, atol=1e-9 * size)
+
+
+def test_what_no_sample_that_counts_comes_after_is_not_simulated():
+    """A drive that is no number there changes nothing; where one counts, it does."""
+    problem, trial = problem_and_trial("hysteresis")
+    data = split(problem.data).train
+    counts = np.isfinite(np.asarray(data.norm)).any(axis=(0, 2))
+    last = data.bin * (np.flatnonzero(counts).max() + 1)
+    effort = np.array(data.grids.effort)
+    assert last < 0.95 * effort.shape[1]
+    moving = jnp.asarray(trial.free[trial.index])
+    values = np.asarray(problem.space.values(trial.free, trial.fixed, trial.active))[None]
+
+    def of(driven):
+        value, jacobian = sensitivities(moving, trial, driven, problem.space)
+        return value, jacobian, residuals_of(values, np.asarray(trial.laws)[None], driven, problem.space)
+
+    plain = sensitivities(moving, trial, data, problem.space, together=True)
+    for mine, theirs in zip(of(data), plain, strict=False):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9)
+    broken = effort.copy()
+    broken[:, last:] = np.nan
+    for a, b in zip(of(data), of(data.with_effort(broken)), strict=True):
+        np.testing.assert_array_equal(a, b)
+    broken[:, last - 1] = np.nan
+    assert np.any(np.abs(of(data.with_effort(broken))[0]) >= CEILING)
 
 
 def test_models_abreast_have_the_residuals_of_each():
