@@ -86,7 +86,7 @@ def compared(name: str, time: np.ndarray, measured: np.ndarray, predicted: np.nd
 def open_loop(model: Model, recording: Recording, extra: Mapping[str, Any] | None = None) -> list[Compared]:
     """A model's prediction of a recording it never saw, column by column."""
     extra = extra or {}
-    time, said = predict(model, recording, noise=extra.get("noise"))
+    time, said = predict(model, recording, noise=extra.get("noise"), rooms=tuple(extra.get("rooms_K", ())))
     out = []
     for i, channel in enumerate(recording.output_channels):
         if channel.column in said:

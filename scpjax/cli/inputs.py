@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from scpjax.errors import ModelError, RecordingError, ScpjaxError
-from scpjax.fit.data import output_index
+from scpjax.fit.data import outputs_among
 from scpjax.fit.setup import KNOWN
 from scpjax.physics.known import KNOWN_MODELS, known_model, with_drive
 from scpjax.physics.model import Model
@@ -136,11 +136,10 @@ def output_columns(model: Model, recording: Recording, extra: Mapping[str, Any])
     """Output (its index) and unit by column name: as fitted, else as in the file, else degC, mm and deg."""
     stems = model.structure.outputs
     found: dict[int, tuple[str, Unit]] = {}
-    for column in (*extra.get("response", ()), *(c.column for c in recording.output_channels)):
-        stem, unit = parse_column(str(column), allow_unknown=True)
-        index = output_index(model.structure, stem)
-        if index is not None:
-            found.setdefault(index, (str(column), unit))
+    for columns in (extra.get("response", ()), [c.column for c in recording.output_channels]):
+        parsed = [parse_column(str(column), allow_unknown=True) for column in columns]
+        for index, k in outputs_among(model.structure, [stem for stem, _ in parsed]).items():
+            found.setdefault(index, (str(columns[k]), parsed[k][1]))
     own = model.structure.system
     for i, stem in enumerate(stems):
         suffix = _USUAL.get(stem.split("_")[0], "")

@@ -29,9 +29,17 @@ _TOO_LATE = (
     "{off:.2g} times the noise, so its parameters may be off; it was too late to fit it by shorter ones "
     "(--minutes gives longer)"
 )
+_UNTOLD = (
+    "what moves here asked for {parts} steps a sample in the last fit; whether those were short enough was not tried, "
+    "on so many samples"
+)
 _UNSTABLE = (
     "what was found fits by the errors of steps as long as a sample: by shorter ones its predictions blow up. It is "
     "told as it was found; do not rely on its parameters, and record at a higher rate"
+)
+_BLOWS_UP = (
+    "the samples are far apart for what moves here: the last fit was made with {parts} steps a sample, and by half as "
+    "long ones its predictions blow up. Do not rely on its parameters, and record at a higher rate"
 )
 _FARTHER = 1.05
 """Ratio of RMS misfits, from which a fit to coloured residuals is off: of a model that is right, such a fit misses the
@@ -80,17 +88,19 @@ def _by_still_shorter(
     before = parts.whole.bin // state.setup.data.bin
     steps = int(np.prod(np.shape(parts.whole.grids.effort)[:2]))
     while True:
+        if 2 * factor * steps > _MOST_STEPS:
+            return finer, state, (_UNTOLD.format(parts=before * factor),)
         off = _change(_outputs(state, parts, factor), _outputs(state, parts, 2 * factor), parts)
         if off < _RESOLVED:
             return finer, state, ()
-        unresolved = _UNRESOLVED.format(parts=before * factor, off=off) if np.isfinite(off) else _UNSTABLE
-        most = before * factor >= _FINEST or 4 * factor * steps > _MOST_STEPS
-        if most or not patience.allows(_LONGER * seconds):
+        blown = _BLOWS_UP.format(parts=before * factor)
+        unresolved = _UNRESOLVED.format(parts=before * factor, off=off) if np.isfinite(off) else blown
+        if before * factor >= _FINEST or not patience.allows(_LONGER * seconds):
             return finer, state, (unresolved,)
         began = patience.passed()
         again, refitted = fitted_finer(state, parts, 2 * factor)
         if refitted is None:
-            return finer, state, (_UNSTABLE,)
+            return finer, state, (blown,)
         finer, state, factor, seconds = again, refitted, 2 * factor, patience.passed() - began
 
 

@@ -44,6 +44,16 @@ def ambients(recordings: Sequence[Recording], s: Structure, sigma: float) -> tup
     return [_FALLBACK if value is None else value for value in known], doubted + tuple(notes)
 
 
+def rooms(recordings: Sequence[Recording], s: Structure, sigma: float) -> list[float]:
+    """Ambient [K] of each recording that was taken from its thermometer, or from a temperature that drives, and may be
+    a room's; none where any recording tells its own.
+    """
+    if s.system or any(r.metadata.ambient_K is not None for r in recordings):
+        return []
+    taken = zip(recordings, ambients(recordings, s, sigma)[0], strict=True)
+    return [k for r, k in taken if not s.thermal or (_thermometer(r, s) and not doubts_of_ambient("", k))]
+
+
 def told_ambient(r: Recording, s: Structure) -> float | None:
     """Ambient [K] that a recording tells, or of a temperature that drives, from where it counts; None where neither."""
     thermometer = s.thermal and any(c.stem.startswith("temperature") for c in r.output_channels)

@@ -170,24 +170,23 @@ QUANTITIES = ("temperature", "displacement", "angle", "force")
 """What a column is of by its name; one of another name is whatever a model gives last."""
 
 
-def output_index(structure: Structure, stem: str) -> int | None:
-    """Index of the model's output that a column of this stem stands for: its last one where the stem is a name of its
-    own (``response``, ``level``), and None where it is of a quantity that the model does not give.
+def outputs_among(structure: Structure, stems: Sequence[str]) -> dict[int, int]:
+    """Of columns with these stems by output of the model (its index) the first one that is of it. Where none is of any,
+    the first with a name of its own (``response``, ``level``) stands for the last output.
     """
-    if stem in structure.outputs:
-        return structure.outputs.index(stem)
-    return None if stem.split("_")[0] in QUANTITIES else len(structure.outputs) - 1
+    found: dict[int, int] = {}
+    for place, stem in enumerate(stems):
+        if stem in structure.outputs:
+            found.setdefault(structure.outputs.index(stem), place)
+    own = [place for place, stem in enumerate(stems) if stem.split("_")[0] not in QUANTITIES]
+    return found or {len(structure.outputs) - 1: place for place in own[:1]}
 
 
 def sigma_by_output(structure: Structure, noise: Mapping[str, float]) -> dict[int, float]:
     """Noise by output index, SI, from noise per column in its unit."""
-    out: dict[int, float] = {}
-    for column, value in noise.items():
-        stem, unit = parse_column(column, allow_unknown=True)
-        j = output_index(structure, stem)
-        if j is not None:
-            out.setdefault(j, value * abs(unit.scale))
-    return out
+    parsed = [parse_column(column, allow_unknown=True) for column in noise]
+    sigma = [value * abs(unit.scale) for value, (_, unit) in zip(noise.values(), parsed, strict=True)]
+    return {j: sigma[place] for j, place in outputs_among(structure, [stem for stem, _ in parsed]).items()}
 
 
 def columns(structure: Structure, recording: Recording) -> list[tuple[int, str]]:
@@ -203,9 +202,7 @@ def columns(structure: Structure, recording: Recording) -> list[tuple[int, str]]
             found.append((structure.outputs.index(channel.stem), channel.stem))
     if not found and len(recording.output_channels) == 1:
         only = recording.output_channels[0].stem
-        index = output_index(structure, only)
-        if index is not None:
-            return [(index, only)]
+        found = [(j, only) for j in outputs_among(structure, [only])]
     if not found:
         raise FitError(
             f"no column among {[c.column for c in recording.output_channels]} is an output of the model "

@@ -12,7 +12,7 @@ from scipy import optimize, signal
 
 from scpjax.errors import ModelError, ScpjaxError
 from scpjax.fit.ambient import told_ambient
-from scpjax.fit.data import columns, output_index, sigma_by_output
+from scpjax.fit.data import columns, outputs_among, sigma_by_output
 from scpjax.fit.gaps import bridged
 from scpjax.physics.model import Model
 from scpjax.physics.settled import settled
@@ -94,14 +94,31 @@ def _room(model: Model, recording: Recording, rooms: Sequence[float], sigma: Map
     if not rooms or s.system:
         return ambient
     if not s.thermal:
-        counted = told_ambient(recording, s)
-        return ambient if counted is None else counted
+        return _counted(model, recording)
     first = _first_outputs(model, recording).get(0)
     if first is None or np.any(recording.inputs[0]):
         return ambient
     apart = max(rooms) - min(rooms)  # by less than the noise where they were of one room
     near = min(rooms) - apart <= first <= max(rooms) + apart
     return first if near and apart > _CLEAR * sigma.get(0, 0.0) else ambient
+
+
+def _counted(model: Model, recording: Recording) -> float:
+    """Temperature [K] from which one that drives counts: the first, or that of the model where what is read of the
+    displacement then lies nearer to rest there.
+    """
+    ambient, first = float(model.ambient), told_ambient(recording, model.structure)
+    if first is None:
+        return ambient
+    read = _first_outputs(model, recording).get(0)
+    if read is None:
+        return first
+
+    def off(room: float) -> float:
+        effort = jnp.asarray(recorded_effort(model.structure, recording, ambient=room))[0]
+        return abs(read - float(model.observe(model.initial(effort=effort), effort)[0]))
+
+    return ambient if off(ambient) < off(first) else first
 
 
 def _resolved(
@@ -247,11 +264,9 @@ def _columns(model: Model, recording: Recording, wanted: tuple[str, ...]) -> lis
     """(column, output index, SI per file unit, SI at file zero)."""
     s = model.structure
     out: dict[int, tuple[str, int, float, float]] = {}
-    for column in wanted:
-        stem, unit = parse_column(column, allow_unknown=True)
-        j = output_index(s, stem)
-        if j is not None:
-            out.setdefault(j, (column, j, unit.scale, unit.offset))
+    parsed = [parse_column(column, allow_unknown=True) for column in wanted]
+    for j, place in outputs_among(s, [stem for stem, _ in parsed]).items():
+        out[j] = (wanted[place], j, parsed[place][1].scale, parsed[place][1].offset)
     if recording.output_channels:
         for j, stem in columns(s, recording):
             c = next(c for c in recording.output_channels if c.stem == stem)

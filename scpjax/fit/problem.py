@@ -90,15 +90,17 @@ def binned_residuals(
 
 
 def _last(data: Data) -> Array:
-    """Bins of the recordings up to the last with a sample that counts: what comes after is read by no residual."""
-    return jnp.max(jnp.where(jnp.any(jnp.isfinite(data.norm), axis=(0, 2)), jnp.arange(data.norm.shape[1]) + 1, 0))
+    """Bins up to the last sample of the longest recording: what comes after is padding. Held-out ends are not: a model
+    that blows up there should turn a solver back.
+    """
+    return jnp.max(data.grids.at) // data.bin + 1
 
 
 def _binned(
     model: Model, data: Data, locals_: Locals, values: Float[Array, " l"], last: Array | None = None
 ) -> Float[Array, "k y"]:
     """`binned_residuals` of one recording: ``data`` without its leading axis, ``model`` its own. It is simulated up to
-    the bin ``last``, the same for all that are side by side, or to its end.
+    the bin ``last``, the same for all that are side by side, or with its padding.
     """
     grid = data.grids
     m = _in_room(model, jnp.asarray(data.ambient))

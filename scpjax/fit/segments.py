@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from scpjax.fit.ambient import told_ambient
+from scpjax.fit.data import columns
 from scpjax.fit.start import best_linear
 from scpjax.physics.structure import Structure
 from scpjax.recordings.recording import Recording
@@ -30,7 +31,7 @@ def cut_long(recordings: Sequence[Recording], s: Structure) -> tuple[tuple[Recor
     for r in recordings:
         poles = best_linear(
             np.asarray(recorded_effort(s, r))[:6000, 0],
-            r.outputs[:6000, 0],
+            r.output(columns(s, r)[0][1])[:6000],
             r.period,
             2,
             held=r.hold == "zero_order",

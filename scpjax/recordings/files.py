@@ -44,8 +44,8 @@ def read_recording(
     names. Where the TOML does not say how the input runs between
     samples, it is as ``hold`` says; without that a temperature that drives runs linearly and everything else
     is held (zero order). With ``require_outputs=False`` a file of inputs alone will do: responses that
-    ``[roles]`` names may be missing from it, and cells of them that hold no reading count as empty. Raises
-    ``RecordingError``, one line with file, place, problem and mend.
+    ``[roles]`` names may be missing from it, and cells of one that hold no reading count as empty, unless all
+    do. Raises ``RecordingError``, one line with file, place, problem and mend.
     """
     path = Path(path)
     table = read_table(path)
@@ -71,7 +71,11 @@ def read_recording(
     channels = {name: Channel.parse(name) for name in (*roles.drive, *roles.response)}
     for name, channel in channels.items():
         if name in roles.response and not require_outputs:
-            columns[name] = np.where(_implausible(channel, columns[name]), np.nan, columns[name])
+            good = np.where(_implausible(channel, columns[name]), np.nan, columns[name])
+            if np.any(np.isfinite(good)):
+                columns[name] = good
+            else:  # it is not a reading here and there that failed
+                columns[name] = read_columns(table, (name,), (name,))[name]
         _check_plausible(table, channel, columns[name])
     warm = all(is_temperature(channels[name].stem) for name in roles.drive)
     hold = sidecar.hold or hold or ("linear" if warm else "zero_order")

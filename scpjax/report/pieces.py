@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import scpjax
-from scpjax.fit.ambient import ambients
+from scpjax.fit.ambient import rooms
 from scpjax.fit.data import sigma_by_output
 from scpjax.fit.result import Estimate, Trace
 from scpjax.physics.catalogue import catalogue
@@ -40,9 +40,9 @@ def model_extra(recordings: Sequence[Recording], noise: Mapping[str, float], str
         "recordings": [r.metadata.path or r.metadata.name for r in recordings],
         "noise": dict(noise),
     }
-    if not structure.system and all(r.metadata.ambient_K is None for r in recordings):
-        rooms, _ = ambients(recordings, structure, sigma_by_output(structure, noise).get(0, 0.0))
-        extra["rooms_K"] = rooms
+    taken = rooms(recordings, structure, sigma_by_output(structure, noise).get(0, 0.0))
+    if taken:
+        extra["rooms_K"] = taken
     if first.metadata.supply_V is not None:
         extra["supply_V"] = first.metadata.supply_V
     return extra

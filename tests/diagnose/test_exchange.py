@@ -115,6 +115,36 @@ def test_out_of_patience_names_that_will_be_given_up_are_not_exchanged(swaps, mo
     assert patience.ended
 
 
+def test_a_name_is_not_asked_for_again_where_it_was_left_in_its_place(swaps, monkeypatch):
+    """Its place is taken once: what came after that was left beside the very same names."""
+    monkeypatch.setattr(exchange, "at_noise", lambda *_: False)
+    swaps.costs["b"], asked = 50.0, []
+    swaps.promise["b"] = 200.0
+
+    def without(s, name, _):
+        asked.append(name)
+        return state([n for n in s.names if n != name], 1e9)
+
+    monkeypatch.setattr(exchange, "without", without)
+    found = after_exchange(chosen(("a", "e", "f"), 100.0))
+    assert found.state.names == ("b", "e", "f")
+    assert asked == ["a", "e", "f", "b"]
+
+
+def test_a_name_is_not_asked_for_its_law_again_where_it_kept_it(swaps, monkeypatch):
+    monkeypatch.setattr(exchange, "at_noise", lambda *_: False)
+    asked, costs = [], iter([60.0, 60.0, 60.0, 60.0])
+
+    def under_every_law(s, name, *_, **__):
+        asked.append(name)
+        return again(s, next(costs))
+
+    monkeypatch.setattr(exchange, "under_every_law", under_every_law)
+    found = exchange._laws_again(state("aef", 100.0), None, Evidence(), Patience())  # type: ignore[arg-type]
+    assert found.cost == 60.0
+    assert asked == ["a", "e", "f", "a"]
+
+
 def test_away_from_the_noise_names_are_asked_for_their_laws_again(swaps, monkeypatch):
     choice = chosen(("a", "e"), 100.0)
     assert after_exchange(choice).state is choice.state
@@ -129,7 +159,8 @@ def test_away_from_the_noise_names_are_asked_for_their_laws_again(swaps, monkeyp
     monkeypatch.setattr(exchange, "by_law", by_law)
     swaps.tried.clear()
     found = after_exchange(choice)
-    assert [t for t in swaps.tried if t[-1] in laws] == [("e", "a"), ("a", "e"), ("a", "e"), ("e", "a")]
+    # e is not asked for again, as it was left beside this very a
+    assert [t for t in swaps.tried if t[-1] in laws] == [("e", "a"), ("a", "e"), ("e", "a")]
     assert found.state.cost == 30.0
     assert found.state.names == ("a", "e")
     assert found.probability == choice.probability
@@ -158,10 +189,10 @@ def test_away_from_the_noise_laws_change_first_where_all_stand(swaps, monkeypatc
     found = after_exchange(chosen(("a", "e"), 100.0))
     assert asked == [("a", 100.0), ("e", 70.0)]
     assert found.state.cost == 30.0
-    costs |= {"e": 70.0}  # it stays away from the noise: all are asked once more where one has changed
+    costs |= {"e": 70.0}  # it stays away from the noise: all are asked once more beside what has changed
     asked.clear()
     assert after_exchange(chosen(("a", "e"), 100.0)).state.cost == 70.0
-    assert asked == [("a", 100.0), ("e", 70.0), ("a", 70.0), ("e", 70.0)]
+    assert asked == [("a", 100.0), ("e", 70.0), ("a", 70.0)]
 
 
 def test_out_of_patience_every_name_is_still_asked_for_its_law_once(swaps, monkeypatch):

@@ -164,19 +164,20 @@ def test_what_is_refitted_is_by_still_shorter_steps_until_they_change_little(mon
 
 def test_no_shorter_steps_are_tried_than_there_is_time_or_room_for(monkeypatch):
     assert _refitted(monkeypatch, [0.4], seconds=10.0)[0] == 8  # half as long ones might take 30 s of 20
-    assert _refitted(monkeypatch, [0.4], nodes=100_000)[0] == 8
+    found, (note,) = _refitted(monkeypatch, [], nodes=150_000)
+    assert found == 8
+    assert "8 steps a sample" in note
+    assert "was not tried" in note
     found, (note,) = _refitted(monkeypatch, [0.4, 0.4, 0.4], before=4)
     assert found == 8  # on data that were simulated by a quarter of their steps before
     assert "32 steps a sample" in note
 
 
 def test_where_still_shorter_steps_blow_up_it_stays_by_those_that_did_not(monkeypatch):
-    found, (note,) = _refitted(monkeypatch, [0.4], blows_up_by=16)
-    assert found == 8
-    assert "blow up" in note
-    found, (note,) = _refitted(monkeypatch, [np.nan], seconds=10.0)
-    assert found == 8
-    assert "blow up" in note
+    for changes, how in (([0.4], {"blows_up_by": 16}), ([np.nan], {"seconds": 10.0})):
+        found, (note,) = _refitted(monkeypatch, changes, **how)
+        assert found == 8
+        assert "with 8 steps a sample, and by half as long ones its predictions blow up" in note
 
 
 def test_what_was_fitted_by_shorter_steps_is_asked_again_on_the_same_data():

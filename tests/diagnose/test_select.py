@@ -184,3 +184,10 @@ def test_the_same_names_by_two_ways_are_gone_on_from_once(monkeypatch):
     asked = played(monkeypatch, {"a": 500.0, "b": 505.0, "ab": 200.0, "abc": 1.0})
     assert chosen() == {"a", "b", "c"}
     assert [set(names) for names in asked].count({"a", "b"}) == 1
+
+
+def test_a_way_that_the_second_round_has_gone_is_not_gone_again(monkeypatch):
+    """``b``, close to ``a`` in the first round, was gone on with beside it; ``c``, which was not, is."""
+    asked = played(monkeypatch, {"a": 500.0, "b": 505.0, "c": 700.0, "ad": 300.0, "bd": 400.0, "ce": 350.0})
+    assert chosen() == {"a", "d"}
+    assert [names for names in asked if len(names) == 1] == [("a",), ("b",), ("c",)]

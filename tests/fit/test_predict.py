@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from scpjax.cli.inputs import output_columns
+from scpjax.fit.ambient import rooms
 from scpjax.fit.predict import first_state, period_of, predict
 from scpjax.physics import presets
 from scpjax.physics.catalogue import mechanism
@@ -153,6 +155,15 @@ def test_a_column_that_the_model_does_not_give_is_not_made_up(fitted):
         np.testing.assert_array_equal(said[column], alone[column])
 
 
+@pytest.mark.parametrize("fitted", [("level_V", "displacement_mm"), ("displacement_mm", "level_V")])
+def test_a_column_with_a_name_of_its_own_stands_for_an_output_only_where_none_is_one(fitted):
+    said = predict(PLANT, heated({"displacement_mm": 0.0}), response_columns=fitted)[1]
+    assert list(said) == ["displacement_mm"]
+    assert output_columns(PLANT, heated({"displacement_mm": 0.0}), {"response": fitted})["displacement_mm"][0] == 1
+    said = predict(PLANT, heated({"level_V": 0.0}), response_columns=("level_V",))[1]
+    assert list(said) == ["level_V"]
+
+
 def test_of_two_units_of_one_output_the_first_is_taken():
     told = ("displacement_mm", "displacement_m", "level_V")
     _, said = predict(PLANT, heated({"displacement_m": 0.0}), response_columns=told)
@@ -170,7 +181,7 @@ def test_noise_is_that_of_the_sensor_in_whatever_unit_a_file_has(column):
 
 
 @pytest.mark.parametrize(
-    ("rooms", "first", "begins", "room"),
+    ("others", "first", "begins", "room"),
     [
         ((295.0, 297.0), 0.0, 296.0, 296.0),  # as those it was fitted to, it began in its own room
         ((295.0, 297.0), 0.0, 298.5, 298.5),
@@ -180,16 +191,18 @@ def test_noise_is_that_of_the_sensor_in_whatever_unit_a_file_has(column):
         ((), 0.0, 296.0, 295.0),
     ],
 )
-def test_a_recording_that_tells_no_room_began_in_its_own_as_others_did(rooms, first, begins, room):
+def test_a_recording_that_tells_no_room_began_in_its_own_as_others_did(others, first, begins, room):
     model = Model(PLANT.structure, PLANT.theta, PLANT.laws, 295.0)
     recording = heated({"temperature_degC": begins - 273.15}, first=first, ambient=None)
     noise = {"temperature_degC": 0.1}
-    _, said = predict(model, recording, noise=noise, rooms=rooms)
+    _, said = predict(model, recording, noise=noise, rooms=others)
     inside = Model(PLANT.structure, PLANT.theta, PLANT.laws, room)
     _, wanted = predict(inside, recording.with_metadata(Metadata(ambient_K=room)), noise=noise)
     np.testing.assert_allclose(said["temperature_degC"], wanted["temperature_degC"], atol=1e-6)
-    told = predict(model, recording.with_metadata(Metadata(ambient_K=290.0)), noise=noise, rooms=rooms)[1]
-    assert abs(told["temperature_degC"][0] - (begins - 273.15)) < 0.01  # what it tells goes before
+    told = recording.with_metadata(Metadata(ambient_K=290.0))
+    alone, among = (predict(model, told, noise=noise, rooms=r)[1]["temperature_degC"] for r in ((), others))
+    np.testing.assert_array_equal(alone, among)  # what it tells goes before
+    assert abs(alone[-1] - said["temperature_degC"][-1]) > 1.0
 
 
 def test_a_temperature_that_drives_counts_from_its_first_where_no_room_was_told():
@@ -198,6 +211,22 @@ def test_a_temperature_that_drives_counts_from_its_first_where_no_room_was_told(
     model = tm(coefficient=0.02, stiffness=180.0, damping=8.0, mass=0.25)
     model = Model(model.structure, model.theta, model.laws, 295.0)
     recording = Recording.from_arrays(time, {"temperature_degC": warm}, {}, hold="linear", require_outputs=False)
-    moved = [predict(model, recording, rooms=rooms)[1]["displacement_mm"] for rooms in ((), (295.0,))]
+    moved = [predict(model, recording, rooms=r)[1]["displacement_mm"] for r in ((), (295.0,))]
     assert moved[0][0] > 1.0  # 15 K above the model's room
     assert moved[1][0] == pytest.approx(0.0, abs=1e-9)
+    for rest in (0.0, moved[0][0]):  # where the displacement is read, by whichever it began at rest
+        read = np.full(time.size, rest)
+        begun = Recording.from_arrays(time, {"temperature_degC": warm}, {"displacement_mm": read}, hold="linear")
+        _, said = predict(model, begun, rooms=(295.0,), noise={"displacement_mm": 0.01})
+        np.testing.assert_allclose(said["displacement_mm"], moved[0] if rest else moved[1], atol=1e-6)
+
+
+def test_rooms_are_those_that_thermometers_showed():
+    cold, warm, none = (
+        heated(c, ambient=None)
+        for c in ({"temperature_degC": 22.0}, {"temperature_degC": 24.0}, {"displacement_mm": 0.0})
+    )
+    hot = heated({"temperature_degC": 45.0}, ambient=None)
+    found = rooms([cold, warm, none, hot], PLANT.structure, 0.05)
+    np.testing.assert_allclose(found, [295.15, 297.15], atol=1e-6)
+    assert rooms([cold, heated({"temperature_degC": 22.0})], PLANT.structure, 0.05) == []

@@ -117,6 +117,13 @@ def test_of_a_file_that_is_to_be_predicted_only_the_drive_need_be_whole(tmp_path
         )
 
 
+@pytest.mark.parametrize("cell", ["2980", "ERR", '"25,5"'])
+def test_a_column_that_has_failed_altogether_is_told(tmp_path, cell):
+    rows = {k: f"{k / 10:g},3,{cell},0.5" for k in range(12)}
+    with pytest.raises(RecordingError, match="temperature_degC"):
+        read_recording(write(tmp_path, table(n=12, change=rows)), require_outputs=False)
+
+
 BROKEN_TOML: dict[str, tuple[str, str, str]] = {
     "no TOML": ("[recording]\ntitle = x", "run.toml:line 2", "quotes"),
     "unclosed": ("[recording\n", "run.toml:line 1", "key = value"),
