@@ -267,10 +267,10 @@ def _columns(model: Model, recording: Recording, wanted: tuple[str, ...]) -> lis
     parsed = [parse_column(column, allow_unknown=True) for column in wanted]
     for j, place in outputs_among(s, [stem for stem, _ in parsed]).items():
         out[j] = (wanted[place], j, parsed[place][1].scale, parsed[place][1].offset)
-    if recording.output_channels:
-        for j, stem in columns(s, recording):
-            c = next(c for c in recording.output_channels if c.stem == stem)
-            out.setdefault(j, (c.column, j, c.unit.scale, c.unit.offset))
+    channels = recording.output_channels
+    for j, place in outputs_among(s, [c.stem for c in channels]).items():
+        c = channels[place]
+        out.setdefault(j, (c.column, j, c.unit.scale, c.unit.offset))
     return [out[j] for j in sorted(out)] or _usual_columns(s)
 
 

@@ -164,6 +164,12 @@ def test_a_column_with_a_name_of_its_own_stands_for_an_output_only_where_none_is
     assert list(said) == ["level_V"]
 
 
+def test_a_file_that_measures_other_things_alone_is_predicted_all_the_same():
+    _, said = predict(PLANT, heated({"force_N": 1.0}), response_columns=("displacement_mm", "force_N"))
+    assert list(said) == ["displacement_mm"]
+    assert list(predict(PLANT, heated({"force_N": 1.0}))[1]) == ["temperature_degC", "displacement_mm"]
+
+
 def test_of_two_units_of_one_output_the_first_is_taken():
     told = ("displacement_mm", "displacement_m", "level_V")
     _, said = predict(PLANT, heated({"displacement_m": 0.0}), response_columns=told)
