@@ -240,13 +240,15 @@ def _fitted(
 
 
 def finer(found: Curve, before: State, split: Split, rules: Evidence) -> Curve:
-    """The same curve with more pieces, from where it stands, if that predicts what was held out better."""
+    """The same curve with more pieces, from where it stands, as long as that predicts what was held out better."""
+    if found.pieces == PIECES[-1]:
+        return found
     m, law, problem = mechanism(found.mechanism), found.law + 1, found.state.setup
-    where = np.linspace(0.0, 1.0, 60)
+    where = np.linspace(0.0, 1.0, 10 * PIECES[-1])
     zero = found.zero
     weights = np.array([found.state.values[problem.structure.index[k]] for k in found.keys])
-    now = basis(where, zero, PIECES[0]) @ weights
-    more = np.linalg.lstsq(basis(where, zero, PIECES[1]), now, rcond=1e-9)[0]
+    now = basis(where, zero, found.pieces) @ weights
+    more = np.linalg.lstsq(basis(where, zero, 2 * found.pieces), now, rcond=1e-9)[0]
     trial = _trial(problem, found.state, m, law)
     value = np.array(problem.space.values(trial.free, trial.fixed, trial.active))
     for p, w in zip(m.free_parameters(law), more, strict=True):
@@ -257,7 +259,9 @@ def finer(found: Curve, before: State, split: Split, rules: Evidence) -> Curve:
     (more_of_it,) = _fitted(problem, before, split, rules, m, {law: trial})
     extra = len(more_of_it.keys) - len(found.keys)
     better = compare(found.state, more_of_it.state, "closure", "", split, rules, extra).accepted
-    return more_of_it if better and _stands(more_of_it, before, split) else found
+    if not better or not _stands(more_of_it, before, split):
+        return found
+    return finer(more_of_it, before, split, rules)
 
 
 def _stands(curve: Curve, before: State, split: Split) -> bool:
@@ -277,7 +281,8 @@ def _trial(problem: Setup, state: State, m: Mechanism, law: int) -> Trial:
         active[new.index[f"{m.name}.{p.name}"]] = True
     laws = laws_of(state.setup, np.asarray(state.trial.laws), problem)
     laws[next(i for i, other in enumerate(new.mechanisms) if other.name == m.name)] = law
-    width = int(np.sum(active & ~_weights(problem, m))) + len(WEIGHTS)
+    few = max(len(m.free_parameters(level)) for level in (0, 1))  # so that few and more of them share a program
+    width = int(np.sum(active & ~_weights(problem, m))) + max(few, len(m.free_parameters(law)))
     return replace(problem, fixed=held).trial(value, active, laws, width)
 
 

@@ -20,8 +20,8 @@ from jaxtyping import Array, ArrayLike
 from scpjax.parameter import Parameter, weight
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
-PIECES = (3, 6)
-"""Numbers of pieces between which the recordings choose."""
+PIECES = (3, 6, 12)
+"""Numbers of pieces between which the recordings choose; each of them splits those of the one before in two."""
 _MOST = max(PIECES) + 2
 _EARLY = 20.0  # a, in the z of the time
 _SLOW = 20.0  # b, in the z of the velocity
@@ -146,7 +146,7 @@ def product(forms: tuple[Form, ...], p: Values, view: View, of: str = "") -> Sid
     chosen = [which == i for i in range(len(forms))]
     pick = lambda items: sum(jnp.where(c, x, 0.0) for c, x in zip(chosen, items, strict=True))  # noqa: E731
     z, zero, factor, here = (pick(items) for items in (places, zeros, factors, mine))
-    pieces = jnp.where(p.law - which * len(PIECES) == 0, PIECES[0], PIECES[1])
+    pieces = jnp.asarray(PIECES)[jnp.asarray(p.law - which * len(PIECES), int)]
     inside = jnp.clip(z, 0.0, 1.0)
     beyond = pieces * (z - inside)
     k = jnp.arange(len(WEIGHTS), dtype=inside.dtype)

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import jax
 import numpy as np
 import pytest
 import scipy.integrate
 from diagnose.creeping import AMBIENT
-from diagnose.heated import LOSS, lacking_in, recorded, rubbed, rubbed_by_air
+from diagnose.heated import LOSS, base_of, lacking_in, recorded, rubbed, rubbed_by_air
 
 from scpjax.diagnose import beyond, hypothesis
 from scpjax.diagnose.answer import answer
@@ -42,7 +43,7 @@ def test_splines_are_zero_at_rest_and_come_close_to_smooth_curves(zero):
             weights = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
             apart.append(float(np.max(np.abs(matrix @ weights - wanted))))
         assert apart[0] < off
-        assert apart[1] < apart[0]
+        assert all(after < before for before, after in pairwise(apart))
 
 
 def test_pieces_are_scipys_b_splines():
@@ -56,8 +57,8 @@ def test_pieces_are_scipys_b_splines():
 
 
 def test_more_pieces_hold_what_fewer_do():
-    few, many = (basis(PLACES, 0.0, n) for n in PIECES)
-    assert np.max(np.abs(many @ np.linalg.lstsq(many, few, rcond=None)[0] - few)) < 1e-9
+    for few, many in pairwise(basis(PLACES, 0.0, n) for n in PIECES):
+        assert np.max(np.abs(many @ np.linalg.lstsq(many, few, rcond=None)[0] - few)) < 1e-9
 
 
 @pytest.mark.parametrize("variable", VARIABLES)
@@ -180,6 +181,25 @@ def test_a_curve_is_learned_drawn_and_distilled(tmp_path):
     assert "smooth curve" in page
     assert (tmp_path / "figures" / "closure.png").stat().st_size > 5000
     assert said.to_json()["closure"]["curve"]["product"] == drawn.product
+
+
+def kinked(_t: float, temperature: float, _moved: float) -> float:
+    """A loss [W] that begins at 30 K."""
+    return 0.6 * LOSS * max(temperature - 30.0, 0.0)
+
+
+def bent(_t: float, temperature: float, _moved: float) -> float:
+    """A loss [W] that grows with the square of the temperature."""
+    return 0.6 * LOSS * temperature**2 / 100.0
+
+
+@pytest.mark.parametrize(("loss", "pieces"), [(kinked, PIECES[-1]), (bent, PIECES[0])])
+def test_a_curve_has_as_many_pieces_as_its_shape_asks_for(loss, pieces):
+    base, parts = base_of(recorded(loss))
+    found = bend(base, parts, Evidence(), ["thermoelectric"])
+    assert found is not None
+    assert found.pieces == pieces
+    assert level(found.state, parts) < 1.1
 
 
 @pytest.mark.parametrize(("far", "wanted"), [(1.0, "curve"), (3.0, "terms")])
