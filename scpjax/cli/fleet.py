@@ -15,11 +15,15 @@ import scpjax
 from scpjax.cli.inputs import read_files
 from scpjax.cli.program import Progress, check_folder, progress, say, staged, start
 from scpjax.cli.study import patience_of, say_doubts
+from scpjax.cli.then import Read
+from scpjax.diagnose.fleet import TABLE
+from scpjax.diagnose.proposal import CSV_NAME
 from scpjax.errors import FitError, RecordingError, ScpjaxError
 from scpjax.recordings.recording import Recording
 
 EACH = "actuators"
 """Folder below the output with a folder for every actuator diagnosed."""
+_WRITTEN = {CSV_NAME, TABLE}  # by scpjax: no recordings, though they may lie beside some
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,6 +46,8 @@ def run_fleet(arguments: Namespace) -> None:
     if arguments.minutes and not arguments.diagnose:
         arguments.parser.error("--minutes is of a diagnosis: add --diagnose")
     actuators = find_actuators(arguments.where, out)
+    if empty := empty_folders(arguments.where, out):
+        say(arguments, f"no recordings (*.csv) in {', '.join(empty)}: not among the actuators")
     read: dict[str, list[Recording]] = {}
     failed: dict[str, str] = {}
     first: ScpjaxError | None = None
@@ -97,7 +103,7 @@ def _none(actuators: dict[str, list[str]], why: str) -> FitError:
 def _say_end(job: _Job, failures: dict[str, str]) -> None:
     for name, why in failures.items():
         say(job.arguments, f"  {name}: {why}")
-    say(job.arguments, f"table: {job.out / 'fleet.csv'}\nreport: {job.out / 'report.html'}")
+    say(job.arguments, f"table: {job.out / TABLE}\nreport: {job.out / 'report.html'}")
 
 
 def _diagnose_all(job: _Job) -> None:
@@ -110,13 +116,12 @@ def _diagnose_all(job: _Job) -> None:
     failed, kept = dict(job.failed), 0
     with progress(job.arguments) as show:
         for i, (name, recordings) in enumerate(job.read.items()):
-            place = job.out / EACH / folder_name(name, job.actuators)
             mark = fingerprint(job.actuators[name], job.arguments)
-            content = finished(place, mark)
+            content = finished(_place(job, name), mark)
             kept += content is not None
             try:
                 if content is None:
-                    content = _diagnose_one(job, place, recordings, mark, _told(show, name, i, len(job.read)))
+                    content = _diagnose_one(job, name, recordings, mark, _told(show, name, i, len(job.read)))
                 members[name] = Member(name, content)
             except ScpjaxError as error:
                 failed[name] = str(error)
@@ -146,18 +151,26 @@ def _told(show: Progress | None, name: str, i: int, n: int) -> Progress | None:
     return (lambda text, fraction: show(f"{name}: {text}", (i + fraction) / n)) if show else None
 
 
+def _place(job: _Job, name: str) -> Path:
+    return job.out / EACH / folder_name(name, job.actuators)
+
+
 def _diagnose_one(
-    job: _Job, place: Path, recordings: Sequence[Recording], mark: str, show: Progress | None
+    job: _Job, name: str, recordings: Sequence[Recording], mark: str, show: Progress | None
 ) -> dict[str, Any]:
     """Diagnose an actuator into its folder; the diagnosis as JSON."""
     from scpjax.diagnose.diagnose import DiagnoseOptions, diagnose
+    from scpjax.report.diagnosis import drop_old_proposal
     from scpjax.report.report import command_line, write_diagnosis
 
-    options = DiagnoseOptions(patience=patience_of(job.arguments))
+    told, place = job.arguments, _place(job, name)
+    read = Read(job.actuators[name], told.drive, told.response, told.model, told.mechanism, told.base)
+    options = DiagnoseOptions(patience=patience_of(told))
     found = diagnose(recordings, model=job.model, options=options, progress=show)
-    found = dataclasses.replace(found, settings={**found.settings, "fingerprint": mark})
+    found = dataclasses.replace(found, settings={**found.settings, "read": read.to_json(), "fingerprint": mark})
     with staged(place) as folder:
-        write_diagnosis(found, folder, recordings=recordings, command=command_line(job.arguments.line))
+        write_diagnosis(found, folder, recordings=recordings, command=command_line(told.line))
+        drop_old_proposal(found, place)
     return json.loads((place / "diagnosis.json").read_text(encoding="utf-8"))
 
 
@@ -193,25 +206,47 @@ def folder_name(name: str, actuators: dict[str, list[str]]) -> str:
 
 def find_actuators(where: str, out: Path) -> dict[str, list[str]]:
     """Files of every actuator by name: subfolders with CSV files, and CSV files that lie side by side."""
-    path = Path(where)
-    if path.is_dir():
-        matches = [p for p in sorted(path.iterdir()) if not p.name.startswith(".")]
-    else:
-        matches = [Path(p) for p in sorted(glob.glob(where, recursive=True))]
-    files: dict[Path, list[str]] = {}
-    for match in matches:
-        if match.is_dir() and match.resolve() != out.resolve():
-            files[match] = sorted(str(p) for p in match.glob("*.csv"))
-        elif match.suffix.lower() == ".csv" and match.is_file():
-            files[match] = [str(match)]
-    found = _by_name({path: names for path, names in files.items() if names})
+    matches = _matches(where)
+    found = _by_name({path: names for path, names in _files(matches, out).items() if names})
     if not found:
-        if not matches and not path.exists():
+        if not matches and not Path(where).exists():
             raise RecordingError("no such folder, and no file matches", where=where, mend="check the name")
         raise RecordingError(
             "no CSV files and no subfolders with CSV files", where=where, mend="name a folder of recordings"
         )
     return found
+
+
+def empty_folders(where: str, out: Path) -> list[str]:
+    """Folders among what is named in which there is no recording, but for those that scpjax writes itself."""
+    own = {(out / name).resolve() for name in (EACH, "figures")}
+    return [
+        str(path) for path, names in _files(_matches(where), out).items() if not names and path.resolve() not in own
+    ]
+
+
+def _matches(where: str) -> list[Path]:
+    path = Path(where)
+    if path.is_dir():
+        return [p for p in sorted(path.iterdir()) if not p.name.startswith(".")]
+    return [Path(p) for p in sorted(glob.glob(where, recursive=True))]
+
+
+def _files(matches: Sequence[Path], out: Path) -> dict[Path, list[str]]:
+    """Recordings by folder, maybe none, and each that lies beside these by itself."""
+    files: dict[Path, list[str]] = {}
+    for match in matches:
+        if match.is_dir() and match.resolve() != out.resolve():
+            files[match] = sorted(str(p) for p in match.glob("*") if _is_recording(p))
+        elif _is_recording(match):
+            files[match] = [str(match)]
+    return files
+
+
+def _is_recording(path: Path) -> bool:
+    """A CSV file that is none of ours; loggers shout their names, and a name with a dot is a system's own."""
+    name = path.name.lower()
+    return name.endswith(".csv") and not name.startswith(".") and name not in _WRITTEN and path.is_file()
 
 
 def _by_name(files: Mapping[Path, list[str]]) -> dict[str, list[str]]:

@@ -98,6 +98,7 @@ def diagnose_into(
 ) -> None:
     """Diagnose, write the folder and say what was found; ``before`` is the diagnosis that this one adds to."""
     from scpjax.diagnose.diagnose import DiagnoseOptions, diagnose
+    from scpjax.report.diagnosis import drop_old_proposal
     from scpjax.report.report import command_line, write_diagnosis
 
     with progress(arguments) as show:
@@ -111,6 +112,7 @@ def diagnose_into(
             show("writing the report", 0.95)
         with staged(out) as folder:
             write_diagnosis(found, folder, recordings=recordings, command=command_line(arguments.line))
+            drop_old_proposal(found, out)
     say_diagnosis(arguments, found)
     for change in changes:
         say(arguments, change)

@@ -91,8 +91,9 @@ def with_earlier(arguments: Namespace, before: Earlier | None, out: Path) -> Rea
                 )
         old = before.read
         mechanisms = list(dict.fromkeys([*old.mechanisms, *read.mechanisms]))
-        told = (read.drive or old.drive, read.response or old.response, read.model or old.model)
-        read = Read(old.files, *told, mechanisms, read.base or old.base)
+        by = read if read.model or read.base else old  # a model told now takes the place of a base then, and vice versa
+        told = (read.drive or old.drive, read.response or old.response, by.model)
+        read = Read(old.files, *told, mechanisms, by.base)
     if not read.files:
         arguments.parser.error("the following arguments are required: FILE")
     read = replace(read, files=[*read.files, *arguments.then])

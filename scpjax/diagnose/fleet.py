@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
+from scpjax.diagnose.restated import POWERS
+from scpjax.diagnose.result import FREE
 from scpjax.fit.setup import UNKNOWN_POWER
+
+TABLE = "fleet.csv"
+"""What the table with a row per actuator is called."""
 
 OUTLYING = 3.5
 """Robust standard deviations from the median beyond which a value is an outlier (Iglewicz, Hoaglin, How to Detect and
 Handle Outliers, 1993, section 3.2)."""
 _FEW = 5  # actuators, with fewer of which nothing can be told to lie outside
 _DIFFERS = 0.01  # p-value below which values differ by more than their errors
+_SAME = 1e-6  # of a reference, by which two may differ by rounding
 
 
 @dataclass(frozen=True)
@@ -38,6 +44,11 @@ class Member:
             return ()
         return tuple(e for m in self.content["mechanisms"] for e in m["equivalents"])
 
+    def stands_for(self, effect: str) -> tuple[str, ...]:
+        """Mechanisms that could stand in for this one."""
+        named = () if self.content is None else self.content["mechanisms"]
+        return tuple(e for m in named if m["name"] == effect for e in m["equivalents"])
+
     @property
     def verdict(self) -> str:
         """adequate, explained or unexplained; nothing where it failed."""
@@ -56,11 +67,18 @@ class Member:
         own = {f"{m['name']}.{k}": e for m in self.content["mechanisms"] for k, e in m["parameters"].items()}
         return {**self.content["parameters"], **own}
 
+    @property
+    def stated(self) -> dict[str, tuple[str, Mapping[str, Any]]]:
+        """By mechanism named: its law, and the references for which its parameters are stated."""
+        named = () if self.content is None else self.content["mechanisms"]
+        return {m["name"]: (m["law"], m.get("references", {})) for m in named}
+
 
 @dataclass(frozen=True)
 class Spread:
     """One parameter over a fleet, ``names`` that have it. ``differs``: p-value of all being the same within their
     errors (Cochran's Q); 1 where no error is known. ``relative``: scatter beyond the errors as a share of the median.
+    ``estimates`` by name, restated for ``references`` where their own differed; all of one ``law``.
     """
 
     key: str
@@ -71,6 +89,15 @@ class Spread:
     logarithmic: bool
     differs: float
     relative: float
+    law: str = ""
+    references: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    estimates: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @property
+    def stated(self) -> str:
+        """What the values are stated for, in words; empty where for nothing."""
+        said = (f"{k.replace('_', ' ')} {r['value']:.3g} {r['unit']}" for k, r in self.references.items())
+        return ", ".join(said)
 
     @property
     def median(self) -> float:
@@ -97,30 +124,90 @@ def effects(members: Sequence[Member]) -> dict[str, tuple[str, ...]]:
 
 
 def spreads(members: Sequence[Member]) -> tuple[Spread, ...]:
-    """Every parameter that two actuators or more have, in the order of their diagnoses; without those in watts or
-    joules where the power of one is not known: each then has a scale of its own.
+    """Every parameter that two actuators or more have under the same law, in the order of their diagnoses; without
+    those in watts or joules where the power of one is not known: each then has a scale of its own; and without those
+    that are `not_compared`.
     """
-    keys = dict.fromkeys(k for m in members for k in m.parameters)
+    return _compared(members)[0]
+
+
+def not_compared(members: Sequence[Member]) -> tuple[str, ...]:
+    """Parameters that several have, but for references, or at places of a curve, that are each one's own."""
+    return _compared(members)[1]
+
+
+def _compared(members: Sequence[Member]) -> tuple[tuple[Spread, ...], tuple[str, ...]]:
+    pools: dict[tuple[str, str, str], list[tuple[Member, Mapping[str, Any]]]] = {}
+    for m in members:
+        for key, e in m.parameters.items():
+            if e["value"] is not None:
+                law = m.stated.get(key.split(".")[0], ("", {}))[0]
+                pools.setdefault((key, law, str(e["unit"])), []).append((m, e))
     no_power = any(n.startswith(UNKNOWN_POWER) for m in members for n in m.notes)
-    out = []
-    for key in keys:
-        have = [(m.name, m.parameters[key]) for m in members if key in m.parameters]
-        have = [(n, e) for n, e in have if e["value"] is not None]
-        if len(have) < 2 or (no_power and str(have[0][1]["unit"]).startswith(("W", "J"))):
+    found: list[Spread] = []
+    left: dict[str, None] = {}
+    for (key, law, unit), have in pools.items():
+        mechanism = key.split(".")[0]
+        if len(have) < 2 or (no_power and unit.startswith(("W", "J"))):
             continue
-        values = np.array([float(e["value"]) for _, e in have])
-        std = np.array([np.inf if e["std"] is None or e.get("at_limit") else float(e["std"]) for _, e in have])
-        ends = [e["low"] for _, e in have if e["low"] is not None]
-        logarithmic = bool(np.all(values > 0) and ends and min(ends) > 0)
-        unit = str(have[0][1]["unit"])
-        out.append(_spread(key, unit, tuple(n for n, _ in have), values, std, logarithmic))
-    return tuple(out)
+        told = [m.stated.get(mechanism, ("", {}))[1] for m, _ in have]
+        common = None if law == FREE else _common(key, law, told)
+        if common is None:
+            left[f"{mechanism} ({FREE})" if law == FREE else _label(key, law, unit, pools)] = None
+            continue
+        powers = _powers(key, law) or {}
+        factors = [np.prod([(r[k]["value"] / common[k]["value"]) ** n for k, n in powers.items()]) for r in told]
+        restated = {m.name: _times(e, float(f)) for (m, e), f in zip(have, factors, strict=True)}
+        found.append(_spread(_label(key, law, unit, pools), unit, restated, law, common))
+    return tuple(found), tuple(left)
+
+
+def _label(key: str, law: str, unit: str, pools: Mapping[tuple[str, str, str], Any]) -> str:
+    """A parameter by its key; with its law, or its unit, where it has others elsewhere in the fleet."""
+    laws, units = ({pool[i] for pool in pools if pool[0] == key} for i in (1, 2))
+    more = [law] * (len(laws) > 1) + [unit] * (len(units) > 1)
+    return f"{key} ({', '.join(filter(None, more))})" if any(more) else key
+
+
+def _powers(key: str, law: str) -> dict[str, int] | None:
+    """`POWERS` of a parameter, of any side or recording; None where it cannot be restated."""
+    name = key.split("@")[0]
+    return POWERS.get(f"{name} ({law})", POWERS.get(name))
+
+
+def _common(key: str, law: str, told: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]] | None:
+    """References for which a parameter of all can be stated: those that it depends on, in the middle of the fleet;
+    None where theirs differ and it cannot be restated.
+    """
+    powers = _powers(key, law)
+    out = {}
+    for name in dict.fromkeys(k for references in told for k in references) if powers is None else powers:
+        if any(name not in references for references in told):
+            return None
+        values = np.array([float(references[name]["value"]) for references in told])
+        if powers is None and np.ptp(values) > _SAME * np.abs(values).max():
+            return None
+        out[name] = {"value": float(np.median(values)), "unit": told[0][name]["unit"]}
+    return out
+
+
+def _times(e: Mapping[str, Any], factor: float) -> dict[str, Any]:
+    scaled = {k: e[k] if e[k] is None else factor * float(e[k]) for k in ("value", "std", "low", "high")}
+    return {**e, **scaled}
 
 
 def _spread(
-    key: str, unit: str, names: tuple[str, ...], values: np.ndarray, std: np.ndarray, logarithmic: bool
+    key: str,
+    unit: str,
+    have: Mapping[str, Mapping[str, Any]],
+    law: str,
+    references: Mapping[str, Mapping[str, Any]],
 ) -> Spread:
     """Cochran's Q and the scatter beyond the errors (DerSimonian, Laird, Control. Clin. Trials 7 (1986) 177)."""
+    values = np.array([float(e["value"]) for e in have.values()])
+    std = np.array([np.inf if e["std"] is None or e.get("at_limit") else float(e["std"]) for e in have.values()])
+    ends = [e["low"] for e in have.values() if e["low"] is not None]
+    logarithmic = bool(np.all(values > 0) and ends and min(ends) > 0)
     x, error = (np.log(values), std / values) if logarithmic else (values, std)
     known = np.isfinite(error) & (error > 0)
     differs, beyond = 1.0, 0.0
@@ -133,7 +220,7 @@ def _spread(
         beyond = float(np.sqrt(max(q - free, 0.0) / c)) if c > 0 else 0.0
     middle = abs(float(np.median(values)))
     relative = beyond if logarithmic else beyond / middle if middle > 0 else float("inf") if beyond else 0.0
-    return Spread(key, unit, names, values, std, logarithmic, differs, relative)
+    return Spread(key, unit, tuple(have), values, std, logarithmic, differs, relative, law, references, have)
 
 
 def outliers(members: Sequence[Member], found: Sequence[Spread]) -> tuple[Outlier, ...]:
@@ -151,6 +238,7 @@ def outliers(members: Sequence[Member], found: Sequence[Spread]) -> tuple[Outlie
         for i in np.flatnonzero(np.abs(score) > OUTLYING):
             side = "above" if score[i] > 0 else "below"
             says = f"{s.key} = {s.values[i]:.4g} {s.unit} is far {side} the others' {s.median:.4g} {s.unit}"
+            says += f", stated for {s.stated}" if s.stated else ""
             out.append(Outlier(s.names[i], f"{says} ({abs(score[i]):.1f} robust standard deviations)", abs(score[i])))
     return tuple(sorted([*out, *_odd_effects(members)], key=lambda o: -o.score))
 
@@ -160,14 +248,27 @@ def _odd_effects(members: Sequence[Member]) -> list[Outlier]:
     out = []
     rare = max(1, len(whole) // 20)
     for effect, names in effects(whole).items() if len(whole) >= _FEW else ():
+        having = [m for m in whole if effect in m.effects]
         lacking = [m for m in whole if effect not in m.effects and effect not in m.equivalents]
         if len(names) <= rare:
             others = f"in {len(names) - 1} of the others" if len(names) > 1 else "in none of the others"
-            out += [Outlier(n, f"{effect} was named here and {others}", 0.0) for n in names]
+            alone = [m for m in having if sum(_may_share(m, other, effect) for other in whole) <= rare]
+            out += [Outlier(m.name, f"{effect} was named here and {others}", 0.0) for m in alone]
         elif len(lacking) <= rare:
             words = f"{effect} was not named here, but in {len(names)} of {len(whole)}"
-            out += [Outlier(m.name, words, 0.0) for m in lacking]
+            apart = [m for m in lacking if sum(not _may_be(h, m, effect) for h in having) > rare]
+            out += [Outlier(m.name, words, 0.0) for m in apart]
     return out
+
+
+def _may_share(m: Member, other: Member, effect: str) -> bool:
+    """Whether what was named in one may be in another too, by a name that the recordings of either leave open."""
+    return effect in other.effects or effect in other.equivalents or _may_be(m, other, effect)
+
+
+def _may_be(m: Member, other: Member, effect: str) -> bool:
+    """Whether an effect named in one may be what was named in the other."""
+    return any(e in other.effects for e in m.stands_for(effect))
 
 
 def summary(members: Sequence[Member], found: Sequence[Spread]) -> tuple[str, ...]:
@@ -191,4 +292,9 @@ def summary(members: Sequence[Member], found: Sequence[Spread]) -> tuple[str, ..
         out.append(f"Different from actuator to actuator by more than the errors: {', '.join(apart)}.")
     if same:
         out.append(f"The same in all to within the errors: {', '.join(same)}.")
+    left = not_compared(whole)
+    if left:
+        out.append(
+            f"Not compared, for each actuator states them for references or at places of its own: {', '.join(left)}."
+        )
     return tuple(out)

@@ -65,8 +65,9 @@ def write_diagnosis(
     learned = missing.learned(d, shapes)
     proposed = experiment.drawn(d.next_experiment)
     if d.next_experiment is not None and proposed is not None:
-        shapes["next_experiment"] = proposed
+        shapes[_PROPOSED] = proposed
         write_text(out / CSV_NAME, d.next_experiment.csv())
+    drop_old_proposal(d, out)
     write_figures(out, shapes)
     cards = [_mechanism(m, d.only_by_form(m)) for m in d.mechanisms]
     body = [
@@ -98,6 +99,22 @@ def write_diagnosis(
     return write_page(out, f"scpjax diagnosis: {d.verdict}", body)
 
 
+def drop_old_proposal(d: Diagnosis, out: Path) -> None:
+    """Remove what an earlier diagnosis proposed into this folder, where this one proposes nothing: it would be played
+    for nothing. A file of that name with more columns than the drive is a recording, and stays.
+    """
+    if d.next_experiment is not None:
+        return
+    (out / "figures" / f"{_PROPOSED}.png").unlink(missing_ok=True)
+    path = out / CSV_NAME
+    if path.is_file() and d.traces:
+        with path.open("rb") as file:
+            head = file.readline().strip()
+        if head == ",".join(("time_s", *d.traces[0].drive_columns)).encode():
+            path.unlink()
+
+
+_PROPOSED = "next_experiment"  # name of its figure
 _RANKING_CAPTION = (
     "First round: fall of the Bayesian information criterion (above 10 is very strong; logarithmic beyond "
     "10) and the part of the held-out misfit that each mechanism removes. In blue what was named."

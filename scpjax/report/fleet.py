@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 import scpjax
-from scpjax.diagnose.fleet import Member, Outlier, Spread, effects, summary
+from scpjax.diagnose.fleet import TABLE, Member, Outlier, Spread, effects, not_compared, summary
 from scpjax.fit.result import Estimate
 from scpjax.recordings.files import write_text
 from scpjax.report import bars, page, plot
@@ -46,11 +46,11 @@ def write_fleet_diagnosis(
     """Write fleet.csv (a row per actuator), fleet.json, figures/*.png and report.html; the path of the report."""
     out = Path(out_dir)
     write_json(out / "fleet.json", _json(members, found, odd))
-    write_text(out / "fleet.csv", _csv(members))
+    write_text(out / TABLE, _csv(members))
     whole = [m for m in members if m.content is not None]
     unlike = page.bullets([f"{o.name}: {sentence(o.says)}" for o in odd])
     shapes = {"effects": plot.png(matrix(whole))}
-    values = {s.key: [_estimate(m.parameters.get(s.key)) for m in whole] for s in found}
+    values = {s.key: [_estimate(s.estimates.get(m.name)) for m in whole] for s in found}
     if values:
         shapes["spread"] = plot.png(bars.spread(values, [m.name for m in whole]))
     write_figures(out, shapes)
@@ -68,6 +68,7 @@ def write_fleet_diagnosis(
             "How the parameters spread",
             _spread_table(found),
             page.text(_SPREAD, "small soft") if found else "",
+            page.text(_stated_for(found), "small soft"),
             page.figure(shapes["spread"], _VALUES) if values else "",
         ),
         page.section("Each actuator", _each(whole)),
@@ -171,6 +172,12 @@ def _spread_table(found: Sequence[Spread]) -> str:
     return page.table(head, rows, (2, 3, 4, 5, 6, 7, 8))
 
 
+def _stated_for(found: Sequence[Spread]) -> str:
+    """For what values are stated that depend on that: their actuators' own values may be stated for others."""
+    said = [f"{s.key} ({s.stated})" for s in found if s.stated]
+    return f"Stated for the same in all: {', '.join(said)}." if said else ""
+
+
 def _p(s: Spread) -> str:
     return "–" if np.isfinite(s.std).sum() < 2 else "< 0.001" if s.differs < 1e-3 else f"{s.differs:.3f}"
 
@@ -221,25 +228,45 @@ def _json(members: Sequence[Member], found: Sequence[Spread], odd: Sequence[Outl
         "effects": {k: list(v) for k, v in effects(members).items()},
         "outliers": [vars(o) for o in odd],
         "spread": {
-            s.key: {"unit": s.unit, "median": s.median, "n": len(s.values), "scatter": s.relative, "p": s.differs}
+            s.key: {
+                "unit": s.unit,
+                "median": s.median,
+                "n": len(s.values),
+                "scatter": s.relative,
+                "p": s.differs,
+                "law": s.law,
+                "references": dict(s.references),
+            }
             for s in found
         },
+        "not_compared": list(not_compared(members)),
     }
 
 
 def _csv(members: Sequence[Member]) -> str:
+    """As each diagnosis states them; for what, and under which law, in the columns after the message."""
     keys = list(dict.fromkeys(k for m in members for k in m.parameters))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     cells = [part for k in keys for part in (k, f"{k}_std")]
-    writer.writerow(["actuator", "status", "verdict", "mechanisms", *cells, "message"])
+    stated = list(dict.fromkeys(k for m in members for k in _stated(m)))
+    writer.writerow(["actuator", "status", "verdict", "mechanisms", *cells, "message", *stated])
     for m in members:
         if m.content is None:
-            writer.writerow([m.name, "failed", "", "", *[""] * len(cells), m.failure])
+            writer.writerow([m.name, "failed", "", "", *[""] * len(cells), m.failure, *[""] * len(stated)])
             continue
         row: list[object] = [m.name, "ok", m.verdict, " ".join(m.effects)]
         for key in keys:
             e = m.parameters.get(key, {})
             row += ["" if e.get(part) is None else repr(float(e[part])) for part in ("value", "std")]
-        writer.writerow([*row, m.content["says"]])
+        writer.writerow([*row, m.content["says"], *(_stated(m).get(k, "") for k in stated)])
     return text.getvalue()
+
+
+def _stated(m: Member) -> dict[str, str]:
+    """Law of each mechanism named, and the references for which its parameters are stated, by column."""
+    out = {}
+    for name, (law, references) in m.stated.items():
+        out[f"{name}.law"] = law
+        out |= {f"{name}.{k}": repr(float(r["value"])) for k, r in references.items()}
+    return out

@@ -4,14 +4,17 @@ import csv
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from made import made_diagnosis
 
-from scpjax.cli import main
+from scpjax.cli import build_parser, main
+from scpjax.cli.then import earlier, with_earlier
 from scpjax.diagnose import diagnose as room
 from scpjax.errors import FitError
+from scpjax.simulate import trial
 
 FLEET = ("fleet", "rig", "--out", "out", "--diagnose")
 
@@ -122,3 +125,16 @@ def test_nothing_to_diagnose_is_one_line(rig, capsys):
     )
     assert main(["fleet", "rig", "--out", "out", "--mechanism", "x.py"]) == 2
     assert "add --diagnose" in capsys.readouterr().err
+
+
+def test_an_actuator_is_read_again_as_the_fleet_read_it(rig, monkeypatch):
+    monkeypatch.setattr(trial, "use", lambda file: ())
+    monkeypatch.setattr(trial, "use_base", lambda file: SimpleNamespace(name="two_tanks"))
+    told = ("--drive", "voltage_V", "--response", "displacement_mm", "--base", "two_tanks.py", "--mechanism", "leak.py")
+    assert main([*FLEET, *told, "--quiet"]) == 0
+    out = Path("out/actuators/a")
+    again = build_parser().parse_args(["diagnose", "--then", "new.csv", "--out", str(out)])
+    read = with_earlier(again, earlier(out), out)
+    assert read.files == ["rig/a/step.csv", "new.csv"]
+    assert (read.drive, read.response, read.model) == ("voltage_V", "displacement_mm", None)
+    assert (read.base, read.mechanisms) == ("two_tanks.py", ["leak.py"])

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made import made_diagnosis
 
 from scpjax.cli import build_parser, main
 from scpjax.cli.then import earlier, limits_of, with_earlier
+from scpjax.diagnose import diagnose as room
 from scpjax.recordings.recording import Recording
 
 TIME = 0.1 * np.arange(40)
@@ -49,6 +51,18 @@ def test_the_earlier_files_are_read_again_as_before(folder):
     named = with_earlier(arguments("diagnose old.csv --then new.csv --out x"), None, Path("x"))
     assert named.files == ["old.csv", "new.csv"]
     assert named.mechanisms == []
+
+
+@pytest.mark.parametrize(
+    ("told", "model", "base"), [("", None, "tanks.py"), ("--model plant", "plant", None), ("--base x.py", None, "x.py")]
+)
+def test_a_model_told_now_takes_the_place_of_a_base_told_then(folder, told, model, base):
+    out = Path("found")
+    old = json.loads((out / "diagnosis.json").read_text())
+    old["settings"]["read"]["base"] = "tanks.py"
+    (out / "diagnosis.json").write_text(json.dumps(old))
+    read = with_earlier(arguments(f"diagnose --then new.csv --out found {told}"), earlier(out), out)
+    assert (read.model, read.base) == (model, base)
 
 
 @pytest.mark.parametrize(
@@ -94,3 +108,22 @@ def test_limits_are_in_the_units_of_the_column():
     assert (told.highest, told.lowest) == (5.0, 0.5)
     assert told.hottest == pytest.approx(363.15)
     assert told.slew == pytest.approx(0.2)
+
+
+def test_a_proposal_goes_where_nothing_is_proposed_any_more(folder, monkeypatch):
+    """But no file that is not ours: of another name, or with columns that were measured."""
+    Path("moved.csv").write_text("time_s,voltage_V,displacement_mm\n" + "".join(f"{t:.1f},1,{t:.2f}\n" for t in TIME))
+    monkeypatch.setattr(room, "diagnose", lambda recordings, **_: made_diagnosis(recordings[0]))
+    Path("found/figures").mkdir()
+    figures = [Path("found/figures", name) for name in ("next_experiment.png", "mine.png")]
+    for path in (*figures, Path("found/my_next_experiment.csv")):
+        path.write_text("x")
+    proposed = Path("found/next_experiment.csv")
+    proposed.write_text("time_s,voltage_V,displacement_mm\n0,1,2\n")
+    assert main(["diagnose", "moved.csv", "--out", "found", "--quiet"]) == 0
+    assert proposed.is_file(), "somebody recorded that"
+    assert [path.is_file() for path in figures] == [False, True]
+    proposed.write_text("time_s,voltage_V\n0,1\n")
+    assert main(["diagnose", "moved.csv", "--out", "found", "--quiet"]) == 0
+    assert not proposed.exists()
+    assert Path("found/my_next_experiment.csv").is_file()

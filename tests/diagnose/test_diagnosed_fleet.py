@@ -1,10 +1,14 @@
 """What a fleet of diagnoses says: effects, spreads and outliers of made ones, against numbers worked out apart."""
 
+import csv
+import json
+
 import numpy as np
 import pytest
 from scipy import stats
 
-from scpjax.diagnose.fleet import Member, effects, outliers, spreads, summary
+from scpjax.diagnose.fleet import Member, effects, not_compared, outliers, spreads, summary
+from scpjax.report.fleet import write_fleet_diagnosis
 
 
 def member(name: str, stiffness: float, std: float = 2.0, **named: float) -> Member:
@@ -80,3 +84,111 @@ def test_what_is_not_like_the_others_is_told():
     assert all(o.name == "odd" for o in found)
     assert not outliers(FLEET[:4], spreads(FLEET[:4])), "four are too few"
     assert not outliers(FLEET[:6], spreads(FLEET[:6]))
+
+
+def stated(name: str, mechanism: str, law: str, values: dict[str, float], **references: float) -> Member:
+    """A diagnosis that names one mechanism, with parameters to 1 %, stated for references in metres or kelvin."""
+    m = member(name, 100.0, **{mechanism: 0.99})
+
+    def estimate(v: float) -> dict:
+        return {"value": v, "std": 0.01 * v, "unit": "1", "low": 0.98 * v, "high": 1.02 * v, "at_limit": False}
+
+    told = {k: {"value": v, "unit": "m" if k == "reference" else "K"} for k, v in references.items()}
+    own = {"law": law, "parameters": {k: estimate(v) for k, v in values.items()}, "references": told}
+    m.content["mechanisms"][0].update(own)
+    scores = {"model": "plant", "train": {}, "held_out": {}, "noise": {}}
+    m.content.update(base=scores, extended=scores, seconds=1.0)
+    return m
+
+
+def only(members: list[Member]) -> dict:
+    return {s.key: s for s in spreads(members) if not s.key.startswith("elastic_spring")}
+
+
+def test_what_is_stated_for_other_references_is_restated_or_left_out():
+    """One spring, F = -k x (1 + 3e3 x^2), and one loss, each stated at the travel and warmth that was seen."""
+    at = {"a": 0.01, "b": 0.02, "c": 0.04}
+    springs = [
+        stated(n, "nonlinear_stiffness", "polynomial", {"cubic": 3e3 * x**2}, reference=x) for n, x in at.items()
+    ]
+    found = only(springs)["nonlinear_stiffness.cubic"]
+    np.testing.assert_allclose(found.values, 3e3 * 0.02**2)
+    assert found.references == {"reference": {"value": 0.02, "unit": "m"}}
+    assert found.differs == pytest.approx(1.0)
+    assert found.estimates["c"]["low"] == pytest.approx(0.98 * 3e3 * 0.02**2)
+    hot = {"a": 40.0, "b": 60.0, "c": 80.0}
+    values = {n: {"strength": 0.5 * t**0.4, "exponent": 0.4} for n, t in hot.items()}
+    losses = [stated(n, "nonlinear_heat_loss", "power", values[n], reference=t) for n, t in hot.items()]
+    assert set(only(losses)) == {"nonlinear_heat_loss.exponent"}
+    assert not_compared(losses) == ("nonlinear_heat_loss.strength",)
+    assert summary(losses, spreads(losses))[-1] == (
+        "Not compared, for each actuator states them for references or at places of its own: "
+        "nonlinear_heat_loss.strength."
+    )
+    same = [stated(n, "nonlinear_heat_loss", "power", values["a"], reference=40.0) for n in "abc"]
+    assert set(only(same)) == {"nonlinear_heat_loss.strength", "nonlinear_heat_loss.exponent"}
+    assert not not_compared(same)
+
+
+def test_only_parameters_of_the_same_law_and_unit_are_pooled():
+    """A growth of 0.5 is a slope under one law and an exponent under the other; a free form has no such number."""
+    slopes = [stated(n, "nonlinear_thermal_force", "quadratic", {"growth": 0.5}, reference=50.0) for n in "abcde"]
+    powers = [stated(n, "nonlinear_thermal_force", "power", {"growth": 0.1}, reference=50.0) for n in "fg"]
+    curves = [stated(n, "nonlinear_thermal_force", "free form", {"s1": 0.1, "s2": 0.2}) for n in "hi"]
+    fleet = [*slopes, *powers, *curves]
+    found = only(fleet)
+    assert {k: s.names for k, s in found.items()} == {
+        "nonlinear_thermal_force.growth (quadratic)": tuple("abcde"),
+        "nonlinear_thermal_force.growth (power)": tuple("fg"),
+    }
+    assert all(s.differs > 0.9 for s in found.values())
+    assert not_compared(fleet) == ("nonlinear_thermal_force (free form)",)
+    assert not outliers(fleet, spreads(fleet))
+    amps = stated("amps", "slack", "pull", {"corner": 0.1})
+    amps.content["mechanisms"][0]["parameters"]["corner"]["unit"] = "A"
+    assert not only([amps, stated("volts", "slack", "pull", {"corner": 0.1})])
+
+
+def test_an_outlier_is_one_at_the_same_reference():
+    at = dict(zip("abcdef", (0.01, 0.02, 0.04, 0.01, 0.02, 0.04), strict=True))
+    gaps = [stated(n, "slack", "tendon", {"gap": (1 + 2 * (n == "f")) * 0.001 / x}, reference=x) for n, x in at.items()]
+    (odd,) = outliers(gaps, spreads(gaps))
+    assert odd.name == "f"
+    assert odd.says.startswith("slack.gap = 0.15 1 is far above the others' 0.05 1, stated for reference 0.02 m (")
+
+
+def test_law_and_references_are_in_the_table_and_on_the_page(tmp_path):
+    fleet = [stated(n, "slack", "tendon", {"gap": 0.1}, reference=x) for n, x in (("a", 0.01), ("b", 0.02))]
+    fleet += [stated(n, "slack", "free form", {"s1": 0.1}) for n in "cd"]
+    fleet.append(Member("lost", None, "lost.csv: no columns"))
+    write_fleet_diagnosis(fleet, spreads(fleet), (), tmp_path)
+    head, *rows = csv.reader((tmp_path / "fleet.csv").read_text().splitlines())
+    assert head[-3:] == ["message", "slack.law", "slack.reference"], "what was there before stays where it was"
+    told = {row[0]: dict(zip(head, row, strict=True)) for row in rows}
+    assert (told["b"]["slack.law"], told["b"]["slack.reference"], told["b"]["slack.gap"]) == ("tendon", "0.02", "0.1")
+    assert (told["c"]["slack.law"], told["c"]["slack.reference"], told["lost"]["slack.law"]) == ("free form", "", "")
+    content = json.loads((tmp_path / "fleet.json").read_text())
+    assert content["spread"]["slack.gap"]["law"] == "tendon"
+    assert content["spread"]["slack.gap"]["references"] == {"reference": {"value": 0.015, "unit": "m"}}
+    assert content["not_compared"] == ["slack (free form)"]
+    assert content["says"][-1].endswith("places of its own: slack (free form).")
+    page = (tmp_path / "report.html").read_text()
+    assert "places of its own: slack (free form)." in page
+    assert "Stated for the same in all: slack.gap (reference 0.015 m)." in page
+
+
+def named(name: str, effect: str, *equivalents: str) -> Member:
+    m = member(name, 100.0, **{effect: 0.99})
+    m.content["mechanisms"][0]["equivalents"] = list(equivalents)
+    return m
+
+
+def test_a_name_that_the_recordings_leave_open_makes_no_outlier():
+    """Where "this or that" was found, it is chance which of both is the name."""
+    sure, open_ = [named(n, "creep") for n in "abcde"], [named(n, "creep", "friction") for n in "abcde"]
+    says = lambda fleet: {o.says for o in outliers(fleet, spreads(fleet))}  # noqa: E731
+    alone, lacks = "friction was named here and in none of the others", "creep was not named here, but in 5 of 6"
+    assert says([*sure, named("f", "friction")]) == {alone, lacks}
+    assert says([*open_, named("f", "friction")]) == set(), "friction is left open in all others"
+    assert says([*sure, named("f", "friction", "creep")]) == set(), "creep is left open here"
+    assert says([*sure[:-1], open_[-1], named("f", "friction")]) == {lacks}, "left open in one, not in four"
