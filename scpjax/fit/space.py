@@ -12,6 +12,7 @@ from scpjax.fit.data import columns
 from scpjax.fit.guess import Guess, Scales
 from scpjax.fit.problem import Locals, Space
 from scpjax.parameter import Bounded, Parameter
+from scpjax.physics.catalogue import is_shipped
 from scpjax.physics.model import Model
 from scpjax.physics.settled import settled
 from scpjax.physics.structure import Structure
@@ -23,12 +24,15 @@ _WARM, _AWAY = 0.05, 0.01  # nor is one further, in units of the range seen, of 
 
 
 def null_values(s: Structure, scales: Scales) -> np.ndarray:
-    """Values at which every left-out mechanism vanishes, references (fixed, by their unit) set to the data's scales."""
+    """Values at which every left-out mechanism vanishes. References of this package's mechanisms (fixed, by their unit)
+    are the data's scales; what a user fixed stays as given.
+    """
+    shipped = {m.name for m in s.mechanisms if is_shipped(m)}
     measures = {"K": scales.temperature, "m": scales.displacement, "s": scales.duration, "V": scales.drive}
     out = []
     for slot in s.slots:
         p = slot.parameter
-        if p.fixed and p.name.startswith("reference"):
+        if p.fixed and p.name.startswith("reference") and slot.mechanism in shipped:
             out.append(measures[p.unit])
         elif p.null is None:
             out.append(np.nan)

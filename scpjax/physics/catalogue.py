@@ -2,6 +2,7 @@
 
 A package offers mechanisms by entry points of the group ``scpjax.mechanisms`` that name a module or a class. A user's
 file is read by `from_file` (and tried by `scpjax.simulate.trial.use`).
+A fixed parameter of either keeps the value that it was given; only this package's references follow the recordings.
 """
 
 from __future__ import annotations
@@ -99,6 +100,12 @@ def origin(m: Mechanism) -> Path | None:
     return next((path for path, mine in _files.items() if any(type(o) is type(m) for o in mine)), None)
 
 
+def is_shipped(m: Mechanism) -> bool:
+    """Whether the parameters of a mechanism are this package's (maybe inherited), not a user's or another package's."""
+    given = next(kind for kind in type(m).__mro__ if "parameters" in vars(kind))
+    return given.__module__.startswith(f"{_room.__name__}.")
+
+
 def mechanism(name: str) -> Mechanism:
     """The mechanism of that name."""
     known = catalogue()
@@ -138,8 +145,11 @@ def _is_mechanism(kind: object) -> bool:
 
 
 def _within(module: ModuleType) -> list[Mechanism]:
-    kinds = [kind for _, kind in inspect.getmembers(module, _is_mechanism) if kind.__module__ == module.__name__]
-    return [kind() for kind in kinds]
+    """One of each class that a module, or one below it, defines: a package may gather its classes in ``__init__``."""
+    name = module.__name__
+    kinds = [kind for _, kind in inspect.getmembers(module, _is_mechanism)]
+    mine = [k for k in kinds if k.__module__ == name or k.__module__.startswith(f"{name}.")]
+    return [kind() for kind in dict.fromkeys(mine)]  # once each, also where a class goes by two names
 
 
 def _line(error: Exception, path: Path) -> int | None:
