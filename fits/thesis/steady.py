@@ -16,10 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from scpjax.diagnose.table import resistance_times_conductance
+from scpjax.diagnose.table import COPPER, resistance_times_conductance
 from scpjax.recordings.thesis import SteadyState, table_4_4_recordings
 
-ALPHA = 0.00393  # 1/K, copper at 20 degC
 FACTORS = ("copper", "hotter", "loss", "saturation", "offset")
 _SHAPES = {"hotter": (-1.0, (-5.0, 1.0)), "loss": (0.3, (-0.9, 5.0)), "saturation": (0.05, (-0.5, 5.0))}
 _SHAPES["offset"] = (0.5, (-20.0, 20.0))  # ln q; n; d in 1/V^2; x0 in mm
@@ -53,7 +52,7 @@ def combinations() -> list[tuple[str, ...]]:
 def temperature(volts: np.ndarray, r_lambda: float, q: float) -> np.ndarray:
     """Excess temperature [K] of copper at a voltage: the positive root of q R lambda T (1 + alpha T) = V^2."""
     power = volts**2 / (q * r_lambda)
-    return 2 * power / (1 + np.sqrt(1 + 4 * ALPHA * power))
+    return 2 * power / (1 + np.sqrt(1 + 4 * COPPER * power))
 
 
 def _shape(volts: np.ndarray, r_lambda: float, p: dict[str, float], copper: bool) -> np.ndarray:
@@ -147,10 +146,26 @@ def resampled(
     }
 
 
-def share_of(factor: str, laws: Sequence[Law]) -> float:
-    """Probability of a factor by BIC weights over all combinations, each as likely as any other before the data."""
+def share_of(factor: str, laws: Sequence[Law]) -> tuple[float, float]:
+    """Probability of a factor before the data, every combination as likely as any other, and after, by BIC weights."""
     weight = np.exp([-(law.bic - laws[0].bic) / 2 for law in laws])
-    return float(sum(w for w, law in zip(weight, laws, strict=True) if factor in law.factors) / weight.sum())
+    there = np.array([factor in law.factors for law in laws])
+    return float(there.mean()), float(weight[there].sum() / weight.sum())
+
+
+def power(draws: int = 400, seed: int = 0) -> tuple[float, float, tuple[float, float]]:
+    """(p, its standard deviation, the least and the greatest of a single actuator) of x = c V^p.
+
+    The deviation is over tables of nine actuators drawn with replacement: readings of one actuator are not independent.
+    """
+    table, rng = table_4_4_recordings(), np.random.default_rng(seed)
+
+    def of(rows: Table) -> float:
+        return 2 / (1 + fit_law(("loss",), rows)[0].values["loss"])
+
+    drawn = [of([table[j] for j in rng.integers(0, len(table), len(table))]) for _ in range(draws)]
+    alone = [of([row]) for row in table]
+    return of(table), float(np.std(drawn)), (min(alone), max(alone))
 
 
 def hottest(law: Law) -> float:

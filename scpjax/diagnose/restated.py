@@ -1,7 +1,7 @@
 """How the parameters of mechanisms go with the fixed numbers for which they are stated, which differ by actuator.
 
-A strength at T_ref is another number at another T_ref, and the same physics. A new mechanism may stand here or not: what
-does not is compared among actuators that state it for the same.
+A strength at T_ref is another number at another T_ref, and the same physics. A new mechanism may stand here or not:
+what does not is compared among actuators that state it for the same.
 """
 
 _BY: tuple[tuple[dict[str, int], tuple[str, ...]], ...] = (

@@ -17,7 +17,8 @@ from scipy.optimize import least_squares
 from scpjax.errors import FitError
 from scpjax.recordings.thesis import TABLE_3_4, TABLE_4_14, TABLE_B_3, SteadyState
 
-_ALPHA = 0.00393  # 1/K, copper at 20 degC
+COPPER = 0.00404
+"""1/K, by which copper's resistance grows, at 20 degC, as thesis (3.13) has it."""
 _DECISIVE = 10.0  # difference in BIC
 _USUAL_R_LAMBDA = 0.33  # V^2/K
 _CONVECTION = 0.25  # exponent of natural convection: Incropera, Fundamentals of Heat and Mass Transfer, ch. 9
@@ -26,7 +27,7 @@ Shape = Callable[[np.ndarray, float, float], np.ndarray]
 
 def _copper(v: np.ndarray, r: float) -> np.ndarray:
     """Excess temperature T that solves r T (1 + alpha T) = V^2."""
-    return 2 * v**2 / r / (1 + np.sqrt(1 + 4 * _ALPHA * v**2 / r))
+    return 2 * v**2 / r / (1 + np.sqrt(1 + 4 * COPPER * v**2 / r))
 
 
 def _stiffer(x: np.ndarray, q: float) -> np.ndarray:

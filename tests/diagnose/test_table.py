@@ -15,7 +15,7 @@ def copper(v: np.ndarray, r: float) -> np.ndarray:
     low, high = np.zeros_like(v), np.full_like(v, 1e4)
     for _ in range(80):
         middle = (low + high) / 2
-        above = r * middle * (1 + 0.00393 * middle) > v**2
+        above = r * middle * (1 + 0.00404 * middle) > v**2
         low, high = np.where(above, low, middle), np.where(above, middle, high)
     return low
 

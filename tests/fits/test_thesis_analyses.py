@@ -26,7 +26,7 @@ def test_the_stiffness_of_the_pair_is_that_of_the_inverted_compact_form():
 def test_copper_meets_its_equation():
     volts, r, q = np.array([0.5, 2.0, 3.5]), 0.33, 0.3
     t = steady.temperature(volts, r, q)
-    np.testing.assert_allclose(q * r * t * (1 + steady.ALPHA * t), volts**2, rtol=1e-12)
+    np.testing.assert_allclose(q * r * t * (1 + steady.COPPER * t), volts**2, rtol=1e-12)
 
 
 def test_the_laws_agree_with_the_library_where_both_have_them():
@@ -79,9 +79,39 @@ def test_the_actuator_alone_moves_as_measured():
     assert 0 < error < 0.1 * factor
 
 
+def test_the_actuator_alone_moves_for_long_as_measured():
+    factor, _ = turning.single(supposed=turning.Supposed(steady=True))
+    assert turning.FORCE * factor * turning.HOT / turning.STIFFNESS == pytest.approx(11.4e-3)
+    assert factor < turning.single()[0]
+
+
+def test_times_back_are_those_of_the_balance_that_made_them(monkeypatch):
+    trials = [
+        (n, replace(t, return_s=2.0 + 6.0 * math.log(math.degrees(t.angle_rad) / 0.5))) for n, t in turning.TRIALS
+    ]
+    monkeypatch.setattr(turning, "TRIALS", tuple(trials))
+    assert turning.cooling_time(0.5, 2.0) == pytest.approx((6.0, 0.0, 0.0), abs=1e-9)
+    assert turning.cooling_time(1.0, 2.0)[0] > 7.0
+
+
+def test_what_stands_behind_the_heat_is_found_where_it_does(monkeypatch):
+    """(4.4) replaced by a pole of heat and a Butterworth filter: that one fits, to nothing, and the others do not."""
+    w, pole = 1.3, 0.15
+    bottom = np.polymul([1.0, pole], [1.0, math.sqrt(2.0) * w, w**2])
+    made = replace(plant.COEFFICIENTS, a2=bottom[1], a1=bottom[2], a0=bottom[3])
+    monkeypatch.setattr(plant, "COEFFICIENTS", made)
+    best, *others = plant.stand_ins()
+    assert best.name.startswith("a low-pass filter")
+    assert (best.pole, best.values["cutoff (rad/s)"]) == pytest.approx((pole, w), rel=1e-3)
+    assert best.rmse < 1e-3 < 0.02 < min(o.rmse for o in others)
+
+
 def test_the_written_result_is_what_the_script_says_now():
     written = (run.HERE / "result.md").read_text(encoding="utf-8")
-    for line in run.plant_lines(plant.implied()):
+    best = turning.judged(turning.fit(("kp", "kl", "delay", "slow")))
+    lines = [*run.plant_lines(plant.implied()), *run.stand_in_lines(plant.stand_ins()), *run.single_lines()]
+    for line in [*lines, *run.joint_lines([best])]:
         assert line in written
-    best = turning.judged(turning.fit(("kp", "kl", "delay")))
-    assert list(run.joint_lines([best]))[-1] in written
+    laws = steady.compare()
+    for line in run.steady_lines(laws, steady.resampled(laws)):
+        assert line in written
