@@ -2,7 +2,8 @@
 
 The least expected separation (`scpjax.diagnose.separation`) is maximised by its gradient through the simulator over
 the levels of a profile, from the best standard excitations; what is proposed is never worse than those. The limit on
-temperature is a penalty while searching and is verified at the end by a simulation of another order on every sample.
+temperature, and how far predictions may go beyond what was seen, are penalties while searching and are verified at the
+end by a simulation of another order on every sample. Where a hypothesis cannot be predicted nothing is separated.
 To measure where predictions differ most: Hunter, Reiner, Technometrics 7 (1965) 307; Box, Hill, Technometrics 9 (1967)
 57; after the false hypothesis was fitted anew: Atkinson, Fedorov, Biometrika 62 (1975) 57.
 """
@@ -16,22 +17,28 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from scpjax.diagnose.heat import allowed, doubt, limit, played
+from scpjax.diagnose.final import resolved
+from scpjax.diagnose.heat import allowed, doubt, driven_below, limit, played
+from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, residual_on
-from scpjax.diagnose.profiles import Frame, Limits, again, frame, standards
+from scpjax.diagnose.patience import Patience
+from scpjax.diagnose.profiles import Frame, Limits, again, frame, near, standards
 from scpjax.diagnose.proposal import NextExperiment
-from scpjax.diagnose.separation import Scene, Separated, noise_weights, rival, separate, slope
+from scpjax.diagnose.separation import Rival, Scene, Separated, noise_weights, rival, separate, slope
 from scpjax.errors import FitError
 from scpjax.fit.data import Data, columns
 from scpjax.fit.fit import refine
 from scpjax.fit.setup import Setup
 from scpjax.recordings.recording import Channel, Metadata, Recording
+from scpjax.simulate.drive import effort, recorded_effort
 
 _STARTS = 3  # standard excitations from which the search goes on
 _STEPS = 25  # of the search from each
-_WEIGHT = 1e5  # of the mean squared excess of temperature, as a share of what is allowed, against ln(separation)
+_WEIGHT = 1e5  # of the mean squared excess of temperature or travel, as a share of what may be, against ln(separation)
 _LEAST_BITS = 1.0  # expected, below which an experiment is not worth its while
 _FINEST = 20  # nodes in a response time, at least
+_PARTS = 16  # steps between two nodes, at most: a search by more takes too long
+_SHORTER = 60.0  # s, after which no still shorter steps are tried for a hypothesis
 
 Tell = Callable[[str], None]
 
@@ -45,6 +52,8 @@ class _Search:
     allowed: tuple[float, ...]  # K above ambient, by rival; inf: not limited
     told: bool  # whether the limit on temperature was told: estimates then keep away from it by what they may be off
     channels: tuple[Channel, ...]
+    near: np.ndarray  # (2, y) [noise], between which predictions stay
+    substeps: int = 1  # of a sample, where it is simulated by itself
 
     def at(self, nodes: np.ndarray, before: Separated | None = None, steps: int = 60) -> Separated:
         """Separations with nodes (n, sides) as they are played."""
@@ -54,24 +63,31 @@ class _Search:
         """Separations with a drive (n, sides), imitations come to rest from the present estimates."""
         return separate(self.scene, drive, steps=120, tolerance=1e-8)
 
-    def limits_of(self, drive: np.ndarray) -> tuple[np.ndarray, ...]:
-        """By rival, what is left (n, sides) [K] of the temperature allowed; less what its parameters leave open."""
-        out = []
+    def within(self, said: np.ndarray, hot: np.ndarray | float, most: float) -> bool:
+        """Whether predictions (n, y) [noise] stay near what was seen and temperatures [K] below the ``most``; nothing
+        that blows up does.
+        """
+        inside = np.isfinite(said) & (said >= self.near[0]) & (said <= self.near[1])
+        return bool(np.all(inside) and np.all(hot <= most))
+
+    def keeps(self, drive: np.ndarray) -> bool:
+        """Whether all hypotheses stay within with a drive (n, sides), also by what their parameters leave open."""
         for i, (r, most) in enumerate(zip(self.scene.rivals, self.allowed, strict=True)):
-            _, hot, _, hot_slope = self.scene.said(i, r.centre, drive)
-            out.append(most - (doubt(r, hot_slope) if self.told else 0.0) - hot)
-        return tuple(out)
+            said, hot, _, hot_slope = self.scene.said(i, r.centre, drive)
+            if not self.within(said, hot, most - (doubt(r, hot_slope) if self.told else 0.0)):
+                return False
+        return True
 
     def cooled(self, nodes: np.ndarray) -> np.ndarray:
-        """Nodes drawn towards the coolest drive until no hypothesis expects to be hotter than allowed."""
+        """Nodes drawn towards the coolest drive until every hypothesis stays within."""
         drawn = lambda share: self.frame.coolest + share * (nodes - self.frame.coolest)  # noqa: E731
-        cool = lambda share: all(np.min(x) >= 0 for x in self.limits_of(self.frame.played(drawn(share))))  # noqa: E731
-        if not np.any(np.isfinite(self.allowed)) or cool(1.0):
+        keeps = lambda share: self.keeps(self.frame.played(drawn(share)))  # noqa: E731
+        if keeps(1.0):
             return nodes
         low, high = 0.0, 1.0
         for _ in range(10):
             middle = (low + high) / 2
-            low, high = (middle, high) if cool(middle) else (low, middle)
+            low, high = (middle, high) if keeps(middle) else (low, middle)
         return drawn(low)
 
     def shaped(self, start: np.ndarray) -> np.ndarray:
@@ -84,15 +100,11 @@ class _Search:
             nodes = f.spread(f.low + (f.high - f.low) * x.reshape(f.levels, f.sides))
             s = self.at(nodes, memory[0] if memory else None)
             least = s.smooth[0]
-            if not np.isfinite(least):
+            if s.unpredictable or not np.isfinite(least):
                 return 1e3, np.zeros_like(x)
             memory[:] = [s]
-            penalty, by_hot = 0.0, []
-            for hot, most, off in zip(s.hot, self.allowed, margin, strict=True):
-                over = np.maximum(hot - (most - off), 0.0) / most if np.isfinite(most) else np.zeros_like(hot)
-                penalty += _WEIGHT * float(np.mean(over**2))
-                by_hot.append(-2 * _WEIGHT * over / over.size / (most if np.isfinite(most) else 1.0))
-            by = f.played_slope(nodes, slope(self.scene, s, by_hot))
+            penalty, by_hot, by_said = self._penalty(s, margin)
+            by = f.played_slope(nodes, slope(self.scene, s, by_hot, by_said))
             return penalty - float(np.log(least)), -(f.high - f.low) * f.gathered(by).ravel()
 
         x0 = (f.gathered(start, mean=True) - f.low) / (f.high - f.low)
@@ -101,6 +113,15 @@ class _Search:
             merit, x0.ravel().clip(0, 1), jac=True, bounds=bounds, method="L-BFGS-B", options={"maxfun": _STEPS}
         )
         return f.spread(f.low + (f.high - f.low) * found.x.reshape(f.levels, f.sides))
+
+    def _penalty(self, s: Separated, margin: Sequence[float]) -> tuple[float, list[np.ndarray], list[np.ndarray]]:
+        """On what is too hot, by a ``margin`` [K] by rival, or goes too far; less its derivative by temperatures and by
+        predictions.
+        """
+        hot = [_beyond(h, -np.inf, most - off, most) for h, most, off in zip(s.hot, self.allowed, margin, strict=True)]
+        low, high = self.near
+        far = [_beyond(y, low, high, high - low) for y in s.said]
+        return sum(p for p, _ in hot + far), [by for _, by in hot], [by for _, by in far]
 
     def _doubts(self, nodes: np.ndarray) -> list[float]:
         """By rival, how much hotter [K] than it expects nodes may become."""
@@ -121,19 +142,26 @@ class _Search:
         return padded.reshape(f.n, f.every, -1).mean(axis=1)
 
     def verified(self, samples: np.ndarray) -> np.ndarray:
-        """The samples, or cooler ones, with which no hypothesis is hotter than allowed by an independent simulation.
+        """The samples, or cooler ones, with which every hypothesis stays within by an independent simulation.
 
-        **Raises** `FitError` when even the coolest drive is too hot.
+        **Raises** `FitError` when even the coolest drive is too hot, or takes one too far.
         """
-        if not np.any(np.isfinite(self.allowed)):
-            return samples
         margin = self._doubts(self.means(samples))
-        coolest, drive = self.frame.coolest, samples
+        coolest, drive, cold = self.frame.coolest, samples, True
         for k in range(60):
-            hot = [played(r, self.recording(drive))[1] for r in self.scene.rivals]
-            if all(h <= most - off for h, most, off in zip(hot, self.allowed, margin, strict=True)):
+            cold, near = True, True
+            for r, most, off in zip(self.scene.rivals, self.allowed, margin, strict=True):
+                outputs, hot = played(r, self.recording(drive), substeps=self.substeps)
+                cold &= not hot > most - off
+                near &= not np.isnan(hot) and self.within(outputs * self.scene.weights, -np.inf, most)
+            if cold and near:
                 return drive
             drive = self.frame.samples_of(coolest + 0.98 ** (k + 1) * (samples - coolest))
+        if cold:
+            raise FitError(
+                "no drive within its limits keeps what hypotheses predict near what was recorded",
+                mend="give a lower greatest drive, or record such a drive first",
+            )
         raise FitError(
             "no drive within its limits stays below the limit on temperature",
             mend="allow a lower least drive or a higher temperature",
@@ -145,6 +173,15 @@ class _Search:
         drive = {c.column: c.unit.from_si(samples[:, i]) for i, c in enumerate(self.channels)}
         meta = Metadata(name="next_experiment", supply_V=self.scene.rivals[0].supply)
         return Recording.from_arrays(f.period * np.arange(f.count), drive, {}, metadata=meta, require_outputs=False)
+
+
+def _beyond(
+    value: np.ndarray, least: np.ndarray | float, most: np.ndarray | float, scale: np.ndarray | float
+) -> tuple[float, np.ndarray]:
+    """Penalty on what lies beyond limits, as a share of a scale (inf: not limited), and less its derivative."""
+    scale = np.where(np.isfinite(scale) & (scale > 0), scale, np.inf)
+    over = (np.maximum(value - most, 0.0) + np.minimum(value - least, 0.0)) / scale
+    return _WEIGHT * float(np.mean(over**2)), -2 * _WEIGHT * over / over.size / scale
 
 
 def propose(
@@ -160,25 +197,27 @@ def propose(
     All are fitted to ``data`` (all present recordings) first; ``labels`` name them. None when the best experiment
     within the ``limits`` is expected to bring less than one bit: they cannot be told apart there.
 
-    **Raises** `FitError` for limits that leave no experiment.
+    **Raises** `FitError` for limits that leave no experiment, or none that can be predicted.
     """
     began, tell = time.monotonic(), tell or (lambda text: None)
     if len(candidates) < 2:
         raise FitError("one hypothesis cannot be separated from itself", mend="give two or more")
-    states = [_refitted(s, data) for s in candidates]
+    states, data = _by_short_steps(candidates, data)
     search = _search(states, data, limits or Limits(), labels)
     f, setup = search.frame, states[0].setup
     tell("trying standard excitations")
     usual = {k: search.cooled(u) for k, u in standards(f, setup.scales.response).items()}
     found = {k: search.at(u, steps=20) for k, u in usual.items()}
     order = sorted(found, key=lambda k: -found[k].least)
+    _predictable(found[order[0]], labels)
     kinds = {k: usual[k] for k in order[:1]}
-    for k in order[:_STARTS]:
+    for k in (k for k in order[:_STARTS] if not found[k].unpredictable):
         tell(f"shaping the drive from: {k}")
         kinds[f"shaped from: {k}"] = search.cooled(search.shaped(usual[k]))
     nodes = {k: search.written(u) for k, u in kinds.items()}
     scored = {k: search.exactly(mean) for k, (_, mean) in nodes.items()}
     best = max(scored, key=lambda k: scored[k].least)
+    _predictable(scored[best], labels)
     longest = max(setup.recordings, key=lambda r: r.duration)
     repeat = search.exactly(again(f, longest, _order(setup)))
     samples = nodes[best][0]
@@ -188,6 +227,38 @@ def propose(
     if scored[best].least < _LEAST_BITS * np.log(2):
         return None
     return _result(search, setup, played_, scored[best], (order[0], scored[order[0]]), repeat, time.monotonic() - began)
+
+
+def _predictable(best: Separated, labels: Sequence[str]) -> None:
+    """**Raises** `FitError` where even the best experiment is one in which a hypothesis blows up."""
+    if best.unpredictable:
+        names = " and ".join(labels[i] for i in best.unpredictable)
+        raise FitError(
+            f"no experiment within these limits can be predicted: what is expected under {names} blows up",
+            mend="give a drive, a duration and a period nearer to those recorded",
+        )
+
+
+def _by_short_steps(candidates: Sequence[State], data: Data) -> tuple[list[State], Data]:
+    """Hypotheses fitted to all data, and these by steps as short as any of them asks for."""
+    states = list(candidates)
+    for i, state in enumerate(states):
+        there = np.isfinite(np.asarray(data.norm))
+        whole = Split(data, data, there, np.zeros_like(there), np.zeros(data.outputs.shape, bool))
+        finer, states[i], _ = resolved(state, whole, Patience(_SHORTER))
+        data = finer.whole
+    return [_refitted(s, data) for s in states], data
+
+
+def _steps(setup: Setup, data: Data, span: float, most: float = np.inf) -> int:
+    """Steps in a ``span`` [s] that are as short as those in which these data are simulated, where these are shorter
+    than samples: elsewhere 1, for a step may be as long as a sample. Not for a drive that bends within a sample alone:
+    that of an experiment is held.
+    """
+    each = np.asarray(data.grids.step)
+    bends = 2 if any(r.hold == "band_limited" for r in setup.recordings) else 1
+    asked = max(round(r.period / h) for r, h in zip(setup.recordings, each, strict=True)) // bends
+    return int(min(np.ceil(span / (float(each.min()) * bends) - 1e-6), most)) if asked > 1 else 1
 
 
 def _refitted(state: State, data: Data) -> State:
@@ -216,7 +287,8 @@ def check_limits(limits: Limits, setup: Setup) -> None:
 
 def _framed(limits: Limits, setup: Setup) -> tuple[Frame, tuple[Channel, ...]]:
     channels = tuple(setup.recordings[0].input_channels[i] for i in _order(setup))
-    return frame(limits, setup.recordings, channels, setup.scales.response / _FINEST), channels
+    finest, most = setup.scales.response / _FINEST, driven_below(setup, limits.hottest)
+    return frame(limits, setup.recordings, channels, finest, most=most), channels
 
 
 def _search(states: Sequence[State], data: Data, limits: Limits, labels: Sequence[str]) -> _Search:
@@ -225,8 +297,44 @@ def _search(states: Sequence[State], data: Data, limits: Limits, labels: Sequenc
     weights = noise_weights(best, data)
     f, channels = _framed(limits, setup)
     rivals = tuple(rival(s, data, weights, label) for s, label in zip(states, labels, strict=True))
-    scene = Scene(rivals, weights * np.sqrt(f.every), f.step)
-    return _Search(scene, f, allowed(states, data, limits.hottest), limits.hottest is not None, channels)
+    new = noise_weights(best, data, period=f.period) * np.sqrt(f.every)
+    scene = Scene(rivals, new, f.step, _steps(setup, data, f.step, _PARTS))
+    hottest = allowed(states, data, limits.hottest)
+    more = max(hottest) / setup.scales.temperature if limits.hottest is not None else 1.0
+    if not setup.structure.thermal:
+        more = _stronger(setup, f, rivals[0])
+    around = _near(scene, f, data, more)
+    substeps = _steps(setup, data, f.period)
+    return _Search(scene, f, hottest, limits.hottest is not None, channels, around, substeps)
+
+
+def _stronger(setup: Setup, f: Frame, r: Rival) -> float:
+    """Range of the effort that the limits allow, as a multiple of that recorded, rest included in both."""
+    s, ambient = setup.structure, float(r.ambient)
+    of = lambda drive: np.asarray(effort(s.drive, np.array(drive), ambient=ambient, supply=r.supply))  # noqa: E731
+    seen = np.concatenate([np.asarray(recorded_effort(s, x, ambient=ambient)).ravel() for x in setup.recordings])
+    seen = np.append(seen, of(f.coolest))
+    return float(np.ptp(np.concatenate([seen, of([f.low, f.high])])) / np.ptp(seen))
+
+
+def _near(scene: Scene, f: Frame, data: Data, more: float) -> np.ndarray:
+    """Between which (2, y) [noise] predictions stay, with ``more`` than was recorded; temperatures of what is heated
+    have a limit of their own.
+    """
+    s, there = scene.rivals[0].structure, np.asarray(data.weights) > 0
+    seen = [
+        g(np.asarray(data.outputs), axis=(0, 1), where=there, initial=x)
+        for g, x in ((np.min, np.inf), (np.max, -np.inf))
+    ]
+    held = np.full((f.n, f.sides), f.coolest)
+    rest = np.stack([scene.said(i, r.centre, held)[0] for i, r in enumerate(scene.rivals)])
+    rest = np.where(np.isfinite(rest), rest, 0.0)
+    bound = (scene.weights > 0) & (np.arange(len(scene.weights)) >= (len(s.sides) if s.thermal else 0))
+    out = np.stack([np.full(len(bound), -np.inf), np.full(len(bound), np.inf)])
+    around = np.stack(seen)[:, bound] * scene.weights[bound]
+    ends = np.stack([rest.min(axis=(0, 1)), rest.max(axis=(0, 1))])[:, bound]
+    out[:, bound] = near(around, ends, more, both_ways=len(s.sides) == 2)
+    return out
 
 
 def _result(
@@ -242,14 +350,14 @@ def _result(
     labels = [r.label for r in scene.rivals]
     seen = {j: c for r in reversed(setup.recordings) for j, c in _channels(setup, r).items()}
     ambient = float(scene.rivals[0].ambient)
-    expected = {r.label: played(r, search.recording(samples)) for r in scene.rivals}
+    expected = {r.label: played(r, search.recording(samples), substeps=search.substeps) for r in scene.rivals}
     bits = {(labels[i], labels[j]): s.nats / np.log(2) for (i, j), s in found.imitations.items()}
     left = {
         (labels[i], labels[j]): {c.column: s.off[:, k] / scene.weights[k] / c.unit.scale for k, c in seen.items()}
         for (i, j), s in found.imitations.items()
     }
     thermal = setup.structure.thermal
-    bits_of = lambda s: float(s.least / np.log(2))  # noqa: E731
+    bits_of = lambda s: max(float(s.least / np.log(2)), 0.0)  # noqa: E731  # a repetition that blows up brings none
     return NextExperiment(
         separates=tuple(labels),
         says=_words(labels, search, bits_of(found), bits_of(repeat)),

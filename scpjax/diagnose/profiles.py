@@ -15,9 +15,12 @@ from jaxtyping import Array, Float
 from scpjax.errors import FitError
 from scpjax.recordings import excitation
 from scpjax.recordings.recording import Channel, Recording
+from scpjax.units import Unit
 
 _NODES = 600  # of the grid on which a profile is designed, at most
 _LEVELS = 120
+_FARTHER = 1.5  # times as far as it was seen to, may what is driven no farther be predicted to move
+_ENDS = {"pwm": (0.0, 255.0)}  # by unit, of a drive that has any
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,8 +28,9 @@ class Limits:
     """What the rig allows; None: as in the present recordings.
 
     ``lowest``, ``highest`` drive in the SI unit of its column (V, W, A; counts of pwm; K); ``hottest`` [K] that any
-    heated part may become, by every hypothesis; ``duration`` [s] (that of the longest recording); ``period`` [s]
-    between samples; ``slew`` greatest change of the drive per second (None: it may jump).
+    heated part, or the temperature that drives, may become, by every hypothesis; ``duration`` [s] (that of the longest
+    recording); ``period`` [s] between samples; ``slew`` greatest change of the drive per second (None: it may jump).
+    What is predicted to move stays `near` what was seen whatever they are.
     """
 
     lowest: float | None = None
@@ -150,21 +154,29 @@ def _followed_slope(nodes: Array, most: float | Array, before: float | Array, by
 
 
 def frame(
-    limits: Limits, recordings: Sequence[Recording], channels: Sequence[Channel], finest: float = np.inf
+    limits: Limits,
+    recordings: Sequence[Recording],
+    channels: Sequence[Channel],
+    finest: float = np.inf,
+    *,
+    most: float = np.inf,
 ) -> Frame:
-    """Limits with what the recordings show where nothing is told; nodes at most ``finest`` [s] apart.
+    """Limits with what the recordings show where nothing is told, the drive no higher than ``most``; nodes at most
+    ``finest`` [s] apart.
 
     **Raises** `FitError` for limits that leave no experiment.
     """
+    _possible(limits, channels[0].unit)
     values = np.concatenate([r.inputs.ravel() for r in recordings])
     low = float(values.min()) if limits.lowest is None else limits.lowest
-    high = float(values.max()) if limits.highest is None else limits.highest
+    high = min(float(values.max()) if limits.highest is None else limits.highest, most)
     period = float(np.median([r.period for r in recordings])) if limits.period is None else limits.period
     duration = max(r.duration for r in recordings) if limits.duration is None else limits.duration
     unit = channels[0].unit
     if not low < high:
         ends = f"{unit.from_si(low):g} to {unit.from_si(high):g} {unit.suffix}"
-        raise FitError(f"a drive from {ends} leaves nothing to choose", mend="give a higher greatest drive")
+        higher = "give a higher greatest drive" if high < most else "allow a higher temperature"
+        raise FitError(f"a drive from {ends} leaves nothing to choose", mend=higher)
     if not (period > 0 and duration >= 60 * period):
         raise FitError(
             f"{duration:g} s at a sample every {period:g} s is too short an experiment",
@@ -176,6 +188,36 @@ def frame(
     every = max(1, min(-(-count // _NODES), round(finest / period) if np.isfinite(finest) else count))
     resolution = 1.0 if unit.suffix == "pwm" else 10.0 ** np.floor(np.log10(high - low)) / 1000
     return Frame(low, high, period, count, every, len(channels), limits.slew, resolution)
+
+
+def _possible(limits: Limits, unit: Unit) -> None:
+    """Whether limits are numbers, of a drive those that its unit has. **Raises** `FitError` where they are not."""
+    names = {"lowest": "a least drive", "highest": "a greatest drive", "hottest": "a limit on temperature"}
+    for key, value in vars(limits).items():
+        if value is not None and not np.isfinite(value):
+            raise FitError(f"{names.get(key, f'a {key}')} of {value:g}", mend="give a number, or leave it out")
+    low, high = _ENDS.get(unit.suffix, (-np.inf, np.inf))
+    for value in (limits.lowest, limits.highest):
+        if value is not None and not low <= value <= high:
+            raise FitError(
+                f"a drive of {value:g} {unit.suffix} is outside {low:g} to {high:g}",
+                mend="give one inside, in the unit of its column",
+            )
+
+
+def near(
+    seen: Float[np.ndarray, "2 y"], rest: Float[np.ndarray, "2 y"], more: float, *, both_ways: bool = False
+) -> Float[np.ndarray, "2 y"]:
+    """(least, greatest) of outputs up to which a prediction is believed, and a rig is safe: half as far again as what
+    was ``seen`` and what a ``rest`` shows, times how much ``more`` than then the limits allow. ``both_ways``: 0 is in
+    the middle, as of a joint.
+    """
+    low, high = np.minimum(seen[0], rest[0]), np.maximum(seen[1], rest[1])
+    if both_ways:
+        high = np.maximum(np.abs(low), np.abs(high))
+        low = -high
+    further = (_FARTHER * max(more, 1.0) - 1.0) * (high - low)
+    return np.stack([low - further, high + further])
 
 
 def standards(f: Frame, response: float) -> dict[str, Float[np.ndarray, "n sides"]]:

@@ -21,6 +21,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.linalg import block_diag
 
 from scpjax.compiled import quickly_compiled
 from scpjax.diagnose.hypothesis import State
@@ -29,6 +30,7 @@ from scpjax.fit.identifiability import correlation_time
 from scpjax.fit.problem import Space, Trial, initial_state
 from scpjax.fit.solve import evaluate, stack
 from scpjax.physics.model import Model
+from scpjax.physics.structure import Structure
 from scpjax.simulate.drive import Grid, effort
 from scpjax.simulate.simulate import node_states
 
@@ -38,7 +40,8 @@ _SHARP = 4.0  # of the power mean that stands for the least of several separatio
 class Rival(eqx.Module):
     """A hypothesis as it stands after the present recordings.
 
-    What moves are its parameters that were fitted (``index`` into the free vector) and, last, the state in which the
+    What moves are its parameters that were fitted (``index`` into the free vector), how far off their mean those that
+    differ by recording are in a new one (in units of ``apart``, their spread), and, last, the state in which the
     experiment begins. ``known`` (p, p) is the information about them, 1/variance on the free scale.
     """
 
@@ -47,6 +50,9 @@ class Rival(eqx.Module):
     index: np.ndarray  # (parameters,)
     centre: np.ndarray  # (p,)
     known: np.ndarray  # (p, p)
+    own: np.ndarray  # (own,) places of those that differ by recording, in the model of one
+    apart: np.ndarray  # (own,) on the inner scale: of ln(value) or value
+    log: np.ndarray  # (own,)
     ambient: Float[Array | np.ndarray, ""]
     supply: float = eqx.field(static=True)
     label: str = eqx.field(static=True)
@@ -61,20 +67,26 @@ class Rival(eqx.Module):
         free = jnp.asarray(trial.free).at[self.index].set(moving[:n])
         values = space.values(free, trial.fixed, trial.active)
         model = Model(space.structure, values[: space.n_theta], trial.laws).on_average()
-        return eqx.tree_at(lambda m: m.ambient, model, jnp.asarray(self.ambient, model.theta.dtype))
+        mean, off = model.theta[self.own], self.apart * moving[n : n + len(self.own)]
+        theta = model.theta.at[self.own].set(jnp.where(self.log, mean * jnp.exp(off), mean + off))
+        return eqx.tree_at(lambda m: (m.theta, m.ambient), model, (theta, jnp.asarray(self.ambient, model.theta.dtype)))
 
     def begun(self, moving: Array | np.ndarray) -> Array:
         """Values of the state in which the experiment begins, as of `Locals`."""
         first, count = self.space.n_theta, self.space.locals.count(self.space.structure)
-        return jnp.asarray(self.space.bounds.scale)[first : first + count] * moving[len(self.index) :]
+        return jnp.asarray(self.space.bounds.scale)[first : first + count] * moving[len(self.index) + len(self.own) :]
 
 
-def noise_weights(state: State, data: Data) -> np.ndarray:
-    """1 / noise of every output (y,), SI; 0 for one that is not recorded.
+def noise_weights(state: State, data: Data, *, period: float | None = None) -> np.ndarray:
+    """1 / noise of every output (y,) in a sample, SI; 0 for one that is not recorded.
 
     Where the residuals of the best hypothesis exceed the noise of the sensor or stay coloured, that is what the next
     experiment will be judged by: the weight falls by their level and by the root of their correlation time (in bins).
+    What is coloured lasts as long whatever the ``period`` [s] of new samples (None: as recorded): quicker ones say no
+    more of it.
     """
+    recorded = float(np.median([r.period for r in state.setup.recordings]))
+    share = 1.0 if period is None else recorded / period
     there = np.isfinite(np.asarray(data.norm))
     out = np.zeros(there.shape[2])
     for j in range(there.shape[2]):
@@ -82,14 +94,22 @@ def noise_weights(state: State, data: Data) -> np.ndarray:
         if mine.any():
             level = max(float(np.sqrt(np.mean(state.residual[..., j][mine] ** 2))), 1.0)
             slow = correlation_time(state.residual[..., j : j + 1], there[..., j : j + 1])
-            out[j] = 1.0 / (float(np.asarray(data.sigma)[j]) * level * np.sqrt(slow))
+            out[j] = 1.0 / (float(np.asarray(data.sigma)[j]) * level * np.sqrt(1.0 + (slow - 1.0) * share))
     return out
+
+
+def room(structure: Structure, data: Data) -> float:
+    """How warm it is [K] where the experiment is played: as in the warmest of the recordings, for what is heated gets
+    hottest there. Of a temperature that drives it is only where the first recording began.
+    """
+    ambient = np.asarray(data.ambient)
+    return float(np.max(ambient)) if structure.thermal else float(ambient[0])
 
 
 def rival(state: State, data: Data, weights: np.ndarray, label: str) -> Rival:
     """A hypothesis fitted to ``data`` with what these say about it; initial states of theirs are integrated out.
 
-    ``weights`` (y,) are those of `noise_weights`.
+    ``weights`` (y,) are those of `noise_weights` of samples as they were recorded.
     """
     setup, trial = state.setup, state.trial
     space, meta = setup.space, setup.recordings[0].metadata
@@ -104,28 +124,46 @@ def rival(state: State, data: Data, weights: np.ndarray, label: str) -> Rival:
     mine, begins = np.flatnonzero(index < space.n_theta), np.flatnonzero(index >= space.n_theta)
     mixed = information[mine][:, begins]
     others = np.linalg.pinv(information[begins][:, begins], hermitian=True)
-    own = information[mine][:, mine] - mixed @ others @ mixed.T
+    fitted = information[mine][:, mine] - mixed @ others @ mixed.T
+    own, apart, log = _own(state)
     count = space.locals.count(space.structure)
     begun = slice(space.n_theta, space.n_theta + count)
     spread = np.asarray(space.prior_spread)[begun] / np.asarray(space.bounds.scale)[begun]
-    known = np.zeros((len(own) + count,) * 2)
-    known[: len(own), : len(own)] = own
-    known[len(own) :, len(own) :] = np.diag(np.where(np.isfinite(spread), spread**-2.0, 0.0))
-    centre = np.concatenate([np.asarray(trial.free)[index[mine]], np.zeros(count)])
-    ambient = np.asarray(data.ambient)[0]
-    return Rival(space, trial, index[mine], centre, known, ambient, meta.supply_V or 3.7, label)
+    began = np.diag(np.where(np.isfinite(spread), spread**-2.0, 0.0))
+    known = np.asarray(block_diag(fitted, np.eye(len(own)), began))
+    centre = np.concatenate([np.asarray(trial.free)[index[mine]], np.zeros(len(own) + count)])
+    ambient = np.asarray(room(space.structure, data))
+    return Rival(space, trial, index[mine], centre, known, own, apart, log, ambient, meta.supply_V or 3.7, label)
 
 
-def _said(moving: Array, r: Rival, drive: Array, step: Array, weights: Array) -> tuple[Array, Array]:
-    """Predictions in units of the noise (n, y) and temperatures of the heated nodes above ambient [K] (n, sides)."""
+def _own(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of what differs by recording: its places in the model of one, how far a new one may be off the mean (a standard
+    deviation on the inner scale, from how far those recorded are), and whether that is a logarithm.
+    """
+    s = state.setup.structure
+    slots = [slot for slot in s.plain.slots if f"{slot.mechanism}.{slot.parameter.name}" in s.own]
+    place = np.array([slot.index for slot in slots], int)
+    log = np.array([slot.parameter.scale == "log" for slot in slots], bool)
+    if not slots:
+        return place, np.zeros(0), log
+    every = state.values[s.in_recording[:, place]]
+    inner = np.where(log, np.log(np.where(log, every, 1.0)), every)
+    n = len(s.recordings)
+    return place, np.std(inner, axis=0, ddof=min(1, n - 1)) * np.sqrt(1 + 1 / n), log
+
+
+def _said(moving: Array, r: Rival, drive: Array, step: Array, weights: Array, parts: int) -> tuple[Array, Array]:
+    """Predictions in units of the noise (n, y) and temperatures of the heated nodes above ambient [K] (n, sides), by
+    ``parts`` steps between two nodes.
+    """
     model = r.model(moving)
     s = model.structure
     applied = jnp.asarray(effort(s.drive, drive, ambient=model.ambient, supply=r.supply))
-    nodes = jnp.repeat(applied[:-1, None, :], 3, axis=1)
+    held = jnp.repeat(applied[:-1], parts, axis=0)
     n = drive.shape[0]
-    grid = Grid(nodes, step, np.arange(n), np.zeros(n), True)
+    grid = Grid(jnp.repeat(held[:, None, :], 3, axis=1), step / parts, parts * np.arange(n), np.zeros(n), True)
     z0 = initial_state(model, r.space.locals, r.begun(moving), applied[0])
-    states, efforts = node_states(model, grid, z0, order=2)
+    states, efforts = (x[::parts] for x in node_states(model, grid, z0, order=2))
     sides = len(s.sides)
     hot = states[:, :sides] if s.thermal else jnp.zeros((n, sides))
     return jax.vmap(model.observe)(states, efforts) * weights, hot
@@ -133,27 +171,32 @@ def _said(moving: Array, r: Rival, drive: Array, step: Array, weights: Array) ->
 
 @quickly_compiled
 def _sensitivities(
-    moving: Array, r: Rival, drive: Array, step: Array, weights: Array
+    moving: Array, r: Rival, drive: Array, step: Array, weights: Array, parts: int
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """What `_said` gives and its derivative by what moves, forward, all tangents abreast (last axis)."""
-    function = lambda x: _said(x, r, drive, step, weights)  # noqa: E731
+    function = lambda x: _said(x, r, drive, step, weights, parts)  # noqa: E731
     along = lambda e: jax.jvp(function, (moving,), (e,))  # noqa: E731
     return jax.vmap(along, out_axes=(None, -1))(jnp.eye(moving.shape[0], dtype=moving.dtype))
 
 
 @quickly_compiled
-def _pulled(moving: Array, r: Rival, drive: Array, step: Array, weights: Array, by: tuple[Array, Array]) -> Array:
+def _pulled(
+    moving: Array, r: Rival, drive: Array, step: Array, weights: Array, parts: int, by: tuple[Array, Array]
+) -> Array:
     """Derivative by the drive (n, sides) of predictions (n, y) and temperatures (n, sides) weighted ``by``."""
-    return jax.vjp(lambda u: _said(moving, r, u, step, weights), drive)[1](by)[0]
+    return jax.vjp(lambda u: _said(moving, r, u, step, weights, parts), drive)[1](by)[0]
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Rivals, the first of them the best, on one time grid: ``step`` [s], ``weights`` (y,) per node of it."""
+    """Rivals, the first of them the best, on one time grid: ``step`` [s], ``weights`` (y,) per node of it; simulated
+    by ``parts`` steps between two nodes.
+    """
 
     rivals: tuple[Rival, ...]
     weights: np.ndarray
     step: float
+    parts: int = 1
 
     @property
     def pairs(self) -> tuple[tuple[int, int], ...]:
@@ -163,8 +206,9 @@ class Scene:
 
     def said(self, i: int, moving: np.ndarray, drive: np.ndarray):
         """Predictions (n, y) [noise], temperatures (n, sides) [K above ambient] of rival i, and derivatives of both."""
+        step, weights = jnp.asarray(self.step), jnp.asarray(self.weights)
         values, slopes = _sensitivities(
-            jnp.asarray(moving), self.rivals[i], jnp.asarray(drive), jnp.asarray(self.step), jnp.asarray(self.weights)
+            jnp.asarray(moving), self.rivals[i], jnp.asarray(drive), step, weights, self.parts
         )
         return tuple(np.asarray(v) for v in (*values, *slopes))
 
@@ -172,7 +216,7 @@ class Scene:
         """Derivative by the drive (n, sides) of what rival i says, weighted by ``said`` (n, y) and ``hot``."""
         by = (jnp.asarray(said), jnp.asarray(hot))
         r, step, weights = self.rivals[i], jnp.asarray(self.step), jnp.asarray(self.weights)
-        return np.asarray(_pulled(jnp.asarray(moving), r, jnp.asarray(drive), step, weights, by))
+        return np.asarray(_pulled(jnp.asarray(moving), r, jnp.asarray(drive), step, weights, self.parts, by))
 
 
 @dataclass(frozen=True)
@@ -203,7 +247,8 @@ def imitate(
     def at(moving: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         y, _, slope, _ = scene.said(j, moving, drive)
         off, away = y - target, moving - r.centre
-        value = 0.5 * float(np.sum(off**2)) + 0.5 * float(away @ r.known @ away)
+        with np.errstate(over="ignore"):  # of what blows up
+            value = 0.5 * float(np.sum(off**2)) + 0.5 * float(away @ r.known @ away)
         return value if np.isfinite(value) else np.inf, off, slope.reshape(-1, len(moving))
 
     now = r.centre if start is None else start
@@ -244,9 +289,17 @@ class Separated:
     hot: tuple[np.ndarray, ...]
 
     @property
+    def unpredictable(self) -> tuple[int, ...]:
+        """Rivals whose own prediction blows up."""
+        whole = [np.all(np.isfinite(y)) and np.all(np.isfinite(h)) for y, h in zip(self.said, self.hot, strict=True)]
+        return tuple(i for i, finite in enumerate(whole) if not finite)
+
+    @property
     def least(self) -> float:
-        """The smallest separation [nats], whichever rival is true."""
-        return min(f.nats for f in self.imitations.values())
+        """The smallest separation [nats], whichever rival is true; -inf where one of them says nothing of what it
+        expects, which no observation could be held against.
+        """
+        return -np.inf if self.unpredictable else min(f.nats for f in self.imitations.values())
 
     @property
     def smooth(self) -> tuple[float, np.ndarray]:
@@ -275,13 +328,16 @@ def separate(
     return Separated(drive, found, y, hot)
 
 
-def slope(scene: Scene, s: Separated, by_hot: Sequence[np.ndarray]) -> np.ndarray:
-    """Derivative by the drive (n, sides) of the logarithm of the smooth least separation, plus that of temperatures.
+def slope(
+    scene: Scene, s: Separated, by_hot: Sequence[np.ndarray], by_said: Sequence[np.ndarray] | None = None
+) -> np.ndarray:
+    """Derivative by the drive (n, sides) of the logarithm of the smooth least separation, plus that of temperatures and
+    of predictions.
 
-    ``by_hot`` (n, sides) weights the temperatures of every rival where it stands.
+    ``by_hot`` (n, sides) weights the temperatures of every rival where it stands, ``by_said`` (n, y) its predictions.
     """
     least, shares = s.smooth
-    true = [np.zeros_like(y) for y in s.said]
+    true = [np.array(y) for y in by_said] if by_said is not None else [np.zeros_like(y) for y in s.said]
     total = np.zeros_like(s.drive)
     for ((i, j), f), share in zip(s.imitations.items(), shares / least, strict=True):
         true[i] -= share * f.off
