@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -38,6 +39,7 @@ class Row:
     extended: float
     named: str
     seconds: float
+    note: str = ""  # what else is to be told of this test
 
     def text(self) -> str:
         """As a line of a Markdown table."""
@@ -79,6 +81,7 @@ def main(name: str, about: str, work: Work, argv: Sequence[str] | None = None) -
         default=Path("out") / name,
         help="folder for the figure (default: %(default)s)",
     )
+    parser.add_argument("--page", metavar="FILE", type=Path, help="keep the table there, as fits/real.md")
     given = parser.parse_args(argv)
     folder = find(given.data, name)
     start()
@@ -86,9 +89,30 @@ def main(name: str, about: str, work: Work, argv: Sequence[str] | None = None) -
         rows, panels = work(folder, given)
     except ScpjaxError as error:
         _stop(str(error))
-    print(f"| {' | '.join(_HEADER)} |\n|{'---|' * len(_HEADER)}")
-    print("\n".join(row.text() for row in rows))
+    lines = [f"| {' | '.join(_HEADER)} |", f"|{'---|' * len(_HEADER)}", *(row.text() for row in rows)]
+    lines += [f"\n{row.test}: {row.note}" for row in rows if row.note]
+    print("\n".join(lines))
+    if given.page is not None:
+        keep(given.page, name, lines)
     print(f"figure: {draw(panels, given.out / f'{name}.png')}", file=sys.stderr)
+
+
+def keep(page: Path, name: str, lines: Sequence[str]) -> None:
+    """Put a fit's table into its section of a page of all fits, with the commit; other sections stay as they are."""
+    call = ["git", "describe", "--always", "--dirty", "--abbrev=8"]
+    commit = subprocess.run(call, cwd=Path(__file__).parent, capture_output=True, text=True, check=True).stdout.strip()
+    head, *sections = (page.read_text(encoding="utf-8") if page.exists() else _PAGE).split("\n## ")
+    by_name = {section.split("\n", 1)[0]: section.rstrip() for section in sections}
+    by_name[name] = "\n".join([name, "", f"`python -m fits.{name}.run --page {page}` on commit {commit}:", "", *lines])
+    text = "\n\n## ".join([head.rstrip(), *(by_name[n] for n in sorted(by_name))])
+    page.write_text(text + "\n", encoding="utf-8")
+
+
+_PAGE = """# Real recordings: what was named, and how unseen ones are predicted
+
+Each table is written by the command above it. `base` and `extended` are errors (or NRMSE, of which 100 % is perfect) on
+recordings, or parts of them, that took no part in fitting or choosing.
+"""
 
 
 def _stop(message: str) -> NoReturn:
@@ -126,8 +150,9 @@ def said(model: Model, test: Recording, found: Diagnosis) -> np.ndarray:
 
 
 def names(found: Diagnosis) -> str:
-    """Mechanisms named, or the verdict where there is none."""
-    return " + ".join(m.name for m in found.mechanisms) or found.verdict
+    """Mechanisms named, each with its law, and the verdict."""
+    named = " + ".join(f"{m.name} ({m.law})" if m.law else m.name for m in found.mechanisms)
+    return f"{named}: {found.verdict}" if named else found.verdict
 
 
 def draw(panels: Sequence[Panel], path: Path) -> Path:

@@ -54,11 +54,12 @@ def work(folder: Path, given: argparse.Namespace) -> tuple[list[Row], list[Panel
         recording = read_recording(folder / f"{name}.csv")
         measured, base, extended, column = compare(found, recording)
         errors = (rmse(base, measured), rmse(extended, measured))
-        rows.append(Row("tanks", name, "RMSE, V", *errors, names(found), time.monotonic() - began))
+        note = "; ".join(
+            f"the {tank} tank overflows {', '.join(f'{a:.0f} to {b:.0f} s' for a, b in spells) or 'never'}"
+            for tank, spells in overflows(found.model, recording).items()
+        )
+        rows.append(Row("tanks", name, "RMSE, V", *errors, names(found), time.monotonic() - began, note))
         panels.append(Panel(f"tanks, {name}", recording.time, measured, base, extended, y_label=column))
-        for tank, spells in overflows(found.model, recording).items():
-            said = ", ".join(f"{a:.0f}-{b:.0f} s" for a, b in spells) or "never"
-            print(f"{name}: the {tank} tank overflows {said}")
     return rows, panels
 
 

@@ -52,7 +52,7 @@ def first_cycles(recording, n=2):
 
 @all_cases
 def test_fluidic_muscle(data_dir):
-    scores = []
+    scores, creeps = [], {}
     for file in sorted((data_dir / "cavatappi").glob("sample1_*.csv")):
         whole = read_recording(file)
         end = first_cycles(whole)
@@ -64,9 +64,11 @@ def test_fluidic_muscle(data_dir):
             row.append(nrmse(said["displacement_mm"][later], 1e3 * whole.output("displacement")[later]))
         print(f"{file.stem}: base {row[0]:.1f} %, extended {row[1]:.1f} %, {[m.name for m in d.mechanisms]}")
         scores.append(row)
+        creeps[file.stem] = any("creep" in (m.name, *m.equivalents) for m in d.mechanisms)
     base, extended = np.median(scores, axis=0)
-    print(f"median: base {base:.1f} %, extended {extended:.1f} %")
+    print(f"median: base {base:.1f} %, extended {extended:.1f} %; creep: {creeps}")
     assert extended >= 85
+    assert all(creeps.values())
 
 
 @all_cases
@@ -107,6 +109,6 @@ def test_two_tanks(data_dir):
         full = est.time[est.outputs[:, 0] > 9.99]  # the lower sensor at its end: both tanks were full before
         spells = overflows(d.model, est)["upper"]
         assert any(a < full[0] < b for a, b in spells)
-        assert errors[1] < 0.35 * errors[0]
+        assert errors[1] <= 0.30
     finally:
         forget(BASE)
