@@ -115,7 +115,8 @@ def _is_log(key: str) -> bool:
     """Whether a parameter is one of those that are positive by nature."""
     mechanism, _, rest = key.partition(".")
     parameters = catalogue()[mechanism].parameters if mechanism in catalogue() else ()
-    return any(p.name == rest.split("@")[0] and p.scale == "log" for p in parameters)
+    name = rest.split(" (")[0].split("@")[0]  # of a fleet with its law, of what differs by recording with that
+    return any(p.name == name and p.scale == "log" for p in parameters)
 
 
 def _windows(axis: Axes, windows: Sequence[Any], named: Sequence[str], ends: Mapping[str, tuple[float, float]]) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 import scpjax
+from scpjax.diagnose.fleet import TABLE
 from scpjax.fit.fleet import Fleet
 from scpjax.fit.result import Estimate, Fit
 from scpjax.physics.storage import save_model
@@ -133,7 +134,7 @@ def write_fleet(fleet: Fleet, out_dir: str | Path, *, command: str = "") -> Path
             "actuators": every,
         },
     )
-    write_text(out / "fleet.csv", _fleet_csv(fleet))
+    write_text(out / TABLE, _fleet_csv(fleet))
     keys = list(dict.fromkeys(k for f in good.values() for k in f.parameters))
     values = {k: [f.parameters.get(k) for f in good.values()] for k in keys}
     shapes = {"spread": plot.png(bars.spread(values, list(good)))} if keys else {}
