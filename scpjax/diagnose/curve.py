@@ -239,9 +239,11 @@ def _fitted(
     return out
 
 
-def finer(found: Curve, before: State, split: Split, rules: Evidence) -> Curve:
-    """The same curve with more pieces, from where it stands, as long as that predicts what was held out better."""
-    if found.pieces == PIECES[-1]:
+def finer(found: Curve, before: State, split: Split, rules: Evidence, *, most: int = PIECES[-1]) -> Curve:
+    """The same curve with more pieces, ``most`` of them at most, from where it stands, as long as that predicts what
+    was held out better.
+    """
+    if found.pieces >= most:
         return found
     m, law, problem = mechanism(found.mechanism), found.law + 1, found.state.setup
     where = np.linspace(0.0, 1.0, 10 * PIECES[-1])
@@ -261,7 +263,7 @@ def finer(found: Curve, before: State, split: Split, rules: Evidence) -> Curve:
     better = compare(found.state, more_of_it.state, "closure", "", split, rules, extra).accepted
     if not better or not _stands(more_of_it, before, split):
         return found
-    return finer(more_of_it, before, split, rules)
+    return finer(more_of_it, before, split, rules, most=most)
 
 
 def _stands(curve: Curve, before: State, split: Split) -> bool:

@@ -21,7 +21,9 @@ from scpjax.diagnose.patience import ENDLESS, Patience
 from scpjax.diagnose.remainder import AT_NOISE, level
 from scpjax.fit.setup import Setup, what_there_is
 from scpjax.physics.catalogue import applicable, mechanism
-from scpjax.physics.curves import Form
+from scpjax.physics.curves import PIECES, Form
+
+_TOLD_BY = PIECES[1]  # pieces by which forms are told from each other: with more of them any form comes as near
 
 
 @dataclass(frozen=True)
@@ -45,18 +47,18 @@ def free_law(base: State, rival: State, split: Split, rules: Evidence) -> Free |
     the laws of the catalogue made of it); None where none does, or where a curve that has no name is as likely.
     """
     names_of = partial(named_by, setup=base.setup)
-    found = [
-        finer(c, base, split, rules) for c in curves(base, split, rules, allowed=lambda form: bool(names_of(form)))
-    ]
+    able = curves(base, split, rules, allowed=lambda form: bool(names_of(form)))
+    found = [finer(c, base, split, rules, most=_TOLD_BY) for c in able]
     able = [c for c in found if _fitted(c, split) <= AT_NOISE and is_better(c.state, rival, split, rules)]
     if not able:
         return None
     best = max(able, key=lambda c: ahead(c.state, base, split, rules))
     nameless = curves(base, split, rules, allowed=lambda form: not names_of(form))
-    if any(ahead(finer(c, base, split, rules).state, best.state, split, rules) > 0 for c in nameless):
+    if any(ahead(finer(c, base, split, rules, most=_TOLD_BY).state, best.state, split, rules) > 0 for c in nameless):
         return None
     alike = [c for c in able if c is not best and are_equal(c.state, best.state, base, split, rules)]
     names = dict.fromkeys(n for c in (best, *alike) for n in names_of(c.form))
+    best = finer(best, base, split, rules)
     return Free(best, tuple(names)[: EQUIVALENTS + 1], chance_against(best.state, rival, split, rules))
 
 
@@ -72,7 +74,7 @@ def one_for_several(
         return None
     names_of = partial(named_by, setup=base.setup)
     able = curves(base, split, rules, [*where], allowed=lambda form: bool(names_of(form)))
-    found = [finer(c, base, split, rules) for c in able]
+    found = [finer(c, base, split, rules, most=_TOLD_BY) for c in able]
     found = [c for c in found if are_equal(c.state, state, base, split, rules)]
     if not found:
         return None
