@@ -169,7 +169,12 @@ def _next(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--min-volts", metavar="V", type=float, help="least drive of a voltage column")
     group.add_argument("--max-drive", metavar="X", type=float, help="greatest drive, in the unit of its column")
     group.add_argument("--min-drive", metavar="X", type=float, help="least drive, in the unit of its column")
-    group.add_argument("--max-temperature", metavar="DEGC", type=float, help="that any heated part, or a temperature that drives, may reach")
+    group.add_argument(
+        "--max-temperature",
+        metavar="DEGC",
+        type=float,
+        help="that any heated part, or a temperature that drives, may reach",
+    )
     group.add_argument("--duration", metavar="S", type=float, help="of the experiment")
     group.add_argument("--period", metavar="S", type=float, help="between its samples")
     group.add_argument("--slew", metavar="X", type=float, help="greatest change of the drive in a second")
