@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import NoReturn
 
 import numpy as np
 
+from fits.commit import commit
 from scpjax.cli.commands import MINUTES
 from scpjax.cli.program import start
 from scpjax.diagnose.diagnose import DiagnoseOptions, diagnose
@@ -99,11 +99,11 @@ def main(name: str, about: str, work: Work, argv: Sequence[str] | None = None) -
 
 def keep(page: Path, name: str, lines: Sequence[str]) -> None:
     """Put a fit's table into its section of a page of all fits, with the commit; other sections stay as they are."""
-    call = ["git", "describe", "--always", "--dirty", "--abbrev=8"]
-    commit = subprocess.run(call, cwd=Path(__file__).parent, capture_output=True, text=True, check=True).stdout.strip()
     head, *sections = (page.read_text(encoding="utf-8") if page.exists() else _PAGE).split("\n## ")
     by_name = {section.split("\n", 1)[0]: section.rstrip() for section in sections}
-    by_name[name] = "\n".join([name, "", f"`python -m fits.{name}.run --page {page}` on commit {commit}:", "", *lines])
+    by_name[name] = "\n".join(
+        [name, "", f"`python -m fits.{name}.run --page {page}` on commit {commit()}:", "", *lines]
+    )
     text = "\n\n## ".join([head.rstrip(), *(by_name[n] for n in sorted(by_name))])
     page.write_text(text + "\n", encoding="utf-8")
 
@@ -111,7 +111,8 @@ def keep(page: Path, name: str, lines: Sequence[str]) -> None:
 _PAGE = """# Real recordings: what was named, and how unseen ones are predicted
 
 Each table is written by the command above it. `base` and `extended` are errors (or NRMSE, of which 100 % is perfect) on
-recordings, or parts of them, that took no part in fitting or choosing.
+recordings, or parts of them, that took no part in fitting; a test that did is called fitted. Of the tanks `val` was
+scored between choices of structure (`tanks/README.md`).
 """
 
 

@@ -12,7 +12,6 @@ import argparse
 import json
 import queue
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -26,11 +25,12 @@ if __package__ in (None, ""):
 
 from tqdm import tqdm
 
+from fits.commit import commit
 from fits.concealed.baselines import sindy
 from fits.concealed.cases import Case, plan, seen
 from fits.concealed.generate import generate, selected, selection
 from fits.concealed.page import write_page
-from fits.concealed.pool import ROOT, Worker
+from fits.concealed.pool import Worker
 from fits.concealed.score import Score, score, worst
 from fits.concealed.seal import BrokenSeal, verify
 from fits.concealed.store import Store, write_whole
@@ -59,7 +59,7 @@ class Run:
         self.cases, self.out, self.way, self.methods, self.limit = list(cases), out, way, list(methods), limit
         self.store = Store(out)
         self.sealed = {c.name: verify(out / "cases", c.name) for c in self.cases}
-        self.commit, self.asked, self.earlier, self.known = _commit(), list(asked), earlier or {}, seen()
+        self.commit, self.asked, self.earlier, self.known = commit(), list(asked), earlier or {}, seen()
 
     def truth(self, name: str) -> dict[str, Any]:
         """What was concealed."""
@@ -174,14 +174,6 @@ class Run:
     def options(self) -> list[str]:
         """That chose the cases, of all runs."""
         return list(dict.fromkeys([*self.earlier.get("asked", ()), *self.asked]))
-
-
-def _commit() -> str:
-    call = ["git", "describe", "--always", "--dirty", "--abbrev=8"]
-    try:
-        return subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
 
 
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:

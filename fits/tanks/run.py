@@ -58,7 +58,8 @@ def work(folder: Path, given: argparse.Namespace) -> tuple[list[Row], list[Panel
             f"the {tank} tank overflows {', '.join(f'{a:.0f} to {b:.0f} s' for a, b in spells) or 'never'}"
             for tank, spells in overflows(found.model, recording).items()
         )
-        rows.append(Row("tanks", name, "RMSE, V", *errors, names(found), time.monotonic() - began, note))
+        test = "est, fitted" if name == "est" else name
+        rows.append(Row("tanks", test, "RMSE, V", *errors, names(found), time.monotonic() - began, note))
         panels.append(Panel(f"tanks, {name}", recording.time, measured, base, extended, y_label=column))
     return rows, panels
 

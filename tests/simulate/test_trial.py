@@ -1,6 +1,7 @@
 """The trial of a base or a mechanism of a user's own: what is quick or runs away passes, what is wrong does not."""
 
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 from scpjax.errors import ModelError
@@ -72,8 +73,14 @@ class Shifted(Loss):
 
 @pytest.mark.parametrize("frequency", [5.0, 400.0])
 @pytest.mark.parametrize("kind", [Spring, Softer])
-def test_a_base_that_is_too_quick_or_driven_too_hard_is_tried_more_gently(kind, frequency):
+def test_a_base_that_is_too_quick_or_driven_too_hard_is_tried_more_gently(kind, frequency, monkeypatch):
+    found, simulate = [], trial.simulate
+    monkeypatch.setattr(trial, "simulate", lambda *a, method: found.append(simulate(*a, method=method)) or found[-1])
     try_base(type(kind.__name__, (kind,), {"parameters": (size(frequency),)})())
+    *before, last = [bool(np.all(np.isfinite(path.outputs))) for path in found]
+    assert before
+    assert not any(before)
+    assert last
 
 
 def test_a_base_that_is_never_finite_is_refused():
