@@ -42,16 +42,30 @@ class ScaledDescent(optx.AbstractDescent[Array, Any, Factored]):
         length = jnp.linalg.norm(jacobian, axis=0)
         scale = jnp.maximum(state.scale, jnp.maximum(length, _LEAST * jnp.max(length)))
         scale = jnp.where(scale > 0, scale, 1.0)
-        short = max(jacobian.shape[1] - jacobian.shape[0], 0)  # rows that are lacking
-        q, r = jnp.linalg.qr(jnp.pad(jacobian / scale, ((0, short), (0, 0))))
-        return Factored(r, q.T @ jnp.pad(f_info.residual, (0, short)), scale)
+        r, right = _triangle(jacobian / scale, f_info.residual)
+        return Factored(r, right, scale)
 
     def step(self, step_size: Array, state: Factored) -> tuple[Array, optx.RESULTS]:
         n = state.scale.shape[0]
         damping = jnp.sqrt(_DAMPING / step_size) * jnp.eye(n, dtype=state.scale.dtype)
-        q, r = jnp.linalg.qr(jnp.concatenate([state.triangle, damping]))
-        along = jax.scipy.linalg.solve_triangular(r, q[:n].T @ state.right)
+        r, right = _triangle(
+            jnp.concatenate([state.triangle, damping]), jnp.concatenate([state.right, jnp.zeros_like(state.right)])
+        )
+        along = jax.scipy.linalg.solve_triangular(r, right)
         return -along / state.scale, optx.RESULTS.successful
+
+
+def _triangle(a: Float[Array, "m n"], b: Float[Array, " m"]) -> tuple[Float[Array, "n n"], Float[Array, " n"]]:
+    """``R`` and ``Q^T b`` of ``Q R = a``, both from the triangle of ``[a b]``: ``Q`` is not worked out.
+
+    Nor may it be, where many are side by side (`jax.vmap`): a batch of matrices is shared out among XLA's threads by
+    one of them, which waits for the others; with a second batch that does not wait for the first, such as ``Q`` beside
+    the next triangle, two cores wait for each other for ever (jaxlib 0.10.2).
+    """
+    m, n = a.shape
+    short = max(n + 1 - m, 0)  # rows that are lacking
+    r = jnp.linalg.qr(jnp.pad(jnp.concatenate([a, b[:, None]], axis=1), ((0, short), (0, 0))), mode="r")
+    return r[:n, :n], r[:n, n]
 
 
 class _State(eqx.Module):

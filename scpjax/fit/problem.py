@@ -235,7 +235,7 @@ def residuals(
     return jnp.concatenate([of_data.ravel(), _beside(moving, trial, space)])
 
 
-@partial(jax.jit, static_argnames=("robust", "together"))
+@partial(jax.jit, static_argnames=("robust",))
 def sensitivities(
     moving: Float[Array, " moving"],
     trial: Trial,
@@ -243,21 +243,16 @@ def sensitivities(
     space: Space,
     *,
     robust: float = 0.0,
-    together: bool = False,
 ) -> tuple[Float[Array, " m"], Float[Array, "m moving"]]:
     """`residuals` and their Jacobian by forward sensitivities, all tangents of a recording abreast with its values.
 
     Linearising a simulation first, as `optimistix` does, would keep every step of it in memory. The Jacobian is 0 where
-    a residual has no finite derivative. ``together``: all recordings abreast within each tangent, the slower way round,
-    and the Jacobian as it is.
+    a residual has no finite derivative.
     """
     directions = jnp.eye(moving.shape[0], dtype=moving.dtype)
 
     def along(function: Callable[[Array], Array]) -> tuple[Array, Array]:
         return jax.vmap(lambda e: jax.jvp(function, (moving,), (e,)), out_axes=(None, -1))(directions)
-
-    if together:
-        return along(lambda x: residuals(x, trial, data, space, robust=robust))
 
     last = _last(data)
 
@@ -271,10 +266,7 @@ def sensitivities(
 
 
 def known(jacobian: Float[Array, "m moving"]) -> Float[Array, "m moving"]:
-    """A Jacobian, 0 where a residual has no finite derivative: it is taken to stay as it is.
-
-    Not for many side by side (`jax.vmap`): with this within, a fleet of 64 never came back (jaxlib 0.10.2).
-    """
+    """A Jacobian, 0 where a residual has no finite derivative: it is taken to stay as it is."""
     whole = jnp.isfinite(jnp.sum(jacobian))  # nearly always; to look at every entry at every step takes time
     return jax.lax.cond(whole, lambda j: j, lambda j: jnp.where(jnp.isfinite(j), j, 0.0), jacobian)
 

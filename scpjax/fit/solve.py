@@ -44,7 +44,6 @@ def solve_one(
     max_steps: int | Array = 40,
     tolerance: float | Array = 1e-3,
     robust: float = 0.0,
-    together: bool = False,
 ) -> Solution:
     """Levenberg-Marquardt from one start, forward sensitivities (as many as entries move).
 
@@ -54,7 +53,7 @@ def solve_one(
     """
 
     solution = optx.least_squares(
-        lambda x, _: sensitivities(x, trial, data, space, robust=robust, together=together),
+        lambda x, _: sensitivities(x, trial, data, space, robust=robust),
         Marquardt(tolerance=tolerance, limit=max_steps),
         trial.free[trial.index],
         has_aux=True,
@@ -118,8 +117,7 @@ def _solve_fleet(
     trials: Trial, data: Data, spaces: Space, max_steps: Array, tolerance: Array, robust: float
 ) -> Solution:
     def one(trial: Trial, mine: Data, space: Space) -> Solution:
-        # the other way round, 64 actuators of one recording never came back (jaxlib 0.10.2, XLA's threads all idle)
-        return solve_one(trial, mine, space, max_steps=max_steps, tolerance=tolerance, robust=robust, together=True)
+        return solve_one(trial, mine, space, max_steps=max_steps, tolerance=tolerance, robust=robust)
 
     return jax.vmap(one)(trials, data, spaces)
 

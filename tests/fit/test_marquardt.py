@@ -1,5 +1,7 @@
 """The solver of every fit, on functions whose minimum is known."""
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -135,3 +137,23 @@ def test_a_residual_without_a_finite_derivative_does_not_end_the_fit():
     found = optx.least_squares(both, solver, jnp.array([0.0, 0.0, 0.0]), has_aux=True, max_steps=400, throw=False)
     np.testing.assert_allclose(found.value, [3.0, -2.0, 0.0], atol=1e-6)
     np.testing.assert_array_equal(found.aux, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+
+
+def test_side_by_side_a_batch_of_matrices_waits_for_the_one_before():
+    """Of two batches at once, each holds one of XLA's threads until the others have done its part: two cores never come
+    back (jaxlib 0.10.2). Triangles alone, each of the one before, are never two at once; Q beside them would be.
+    """
+
+    def one(target):
+        both = lambda x, _: (rosenbrock(x) - target, jax.jacfwd(rosenbrock)(x))  # noqa: E731
+        solver = Marquardt(tolerance=1e-12, limit=100)
+        start = jnp.array([-1.2, 1.0])
+        return optx.least_squares(both, solver, start, has_aux=True, max_steps=400, throw=False).value
+
+    many = jax.jit(jax.vmap(one))
+    targets = jnp.stack([jnp.zeros(70), jnp.linspace(-0.5, 0.5, 70)], axis=1)
+    found = many(targets)
+    np.testing.assert_allclose(found[:, 0], 1.0 - targets[:, 1], atol=1e-6)
+    np.testing.assert_allclose(found[:, 1], found[:, 0] ** 2, atol=1e-6)
+    calls = set(re.findall(r"lapack_\w+", many.lower(targets).compile().as_text()))
+    assert calls == {"lapack_dgeqrf_ffi", "lapack_dtrsm_ffi"}
