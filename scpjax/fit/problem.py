@@ -265,10 +265,17 @@ def sensitivities(
     return jnp.concatenate([of_data.ravel(), others]), known(jacobian)
 
 
-def known(jacobian: Float[Array, "m moving"]) -> Float[Array, "m moving"]:
+@jax.custom_batching.custom_vmap
+def known(jacobian: Float[Array, "*many m moving"]) -> Float[Array, "*many m moving"]:
     """A Jacobian, 0 where a residual has no finite derivative: it is taken to stay as it is."""
     whole = jnp.isfinite(jnp.sum(jacobian))  # nearly always; to look at every entry at every step takes time
     return jax.lax.cond(whole, lambda j: j, lambda j: jnp.where(jnp.isfinite(j), j, 0.0), jacobian)
+
+
+@known.def_vmap
+def _known_of_many(size: int, batched: tuple[bool], jacobians: Array) -> tuple[Array, bool]:
+    """Of many side by side every entry is looked at: asked of each whether it is whole, both ways are worked out."""
+    return jnp.where(jnp.isfinite(jacobians), jacobians, 0.0), batched[0]
 
 
 def _misfit(

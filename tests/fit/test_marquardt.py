@@ -139,6 +139,14 @@ def test_a_residual_without_a_finite_derivative_does_not_end_the_fit():
     np.testing.assert_array_equal(found.aux, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
 
 
+@pytest.mark.parametrize("of", ["all", "one", "none"])
+def test_jacobians_side_by_side_are_0_where_they_are_not_finite(of):
+    jacobians = np.random.default_rng(1).normal(size=(5, 7, 3))
+    there = {"all": slice(None), "one": 2, "none": slice(0)}[of]
+    jacobians[there, 3, 1] = np.nan
+    np.testing.assert_array_equal(jax.jit(jax.vmap(known))(jacobians), np.nan_to_num(jacobians))
+
+
 def test_side_by_side_a_batch_of_matrices_waits_for_the_one_before():
     """Of two batches at once, each holds one of XLA's threads until the others have done its part: two cores never come
     back (jaxlib 0.10.2). Triangles alone, each of the one before, are never two at once; Q beside them would be.
