@@ -102,7 +102,7 @@ def _goals(scores: Sequence[Score], commit: str) -> list[str]:
     for g, unseen in zip(goals(scores), goals(new), strict=True):
         low, high = g.interval()
         sign = "at most" if g.at_most else "at least"
-        share = f"{g.hits} of {g.of}, {g.share:.0%} ({low:.0%} to {high:.0%})" if g.of else "no such case"
+        share = f"{g.hits} of {g.of}, {g.told} ({low:.0%} to {high:.0%})" if g.of else "no such case"
         apart = f"{unseen.hits} of {unseen.of}" if unseen.of else ""
         rows.append((g.title, f"{sign} {g.asked:.0%}", share, apart, {True: "yes", False: "**no**", None: ""}[g.met]))
     by = ", ".join(c for c in commit.split(", ") if c in {s.commit for s in new})

@@ -254,7 +254,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     found = run.report(given.docs)
     for goal in goals(found):
         if goal.of:
-            print(f"{'met   ' if goal.met else 'NOT MET'} {goal.share:6.1%} of {goal.of:3d}  {goal.title}")
+            print(f"{'met   ' if goal.met else 'NOT MET'} {goal.told:>7} of {goal.of:3d}  {goal.title}")
     print(
         f"page: {(given.docs or given.out) / 'concealed.md'}; figures beside it; scores: {given.out / 'results.json'}"
     )

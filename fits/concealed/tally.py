@@ -53,7 +53,16 @@ class Goal:
         """None where there was nothing to judge."""
         if not self.of:
             return None
-        return self.share <= self.asked if self.at_most else self.share >= self.asked
+        return self._is_enough(self.share)
+
+    @property
+    def told(self) -> str:
+        """The share in percent, with the digits that it takes to see on which side of the goal it is."""
+        told = (f"{self.share:.{digits}%}" for digits in range(6))
+        return next((t for t in told if self._is_enough(float(t[:-1]) / 100) == self.met), f"{self.share:%}")
+
+    def _is_enough(self, share: float) -> bool:
+        return share <= self.asked if self.at_most else share >= self.asked
 
     def interval(self) -> tuple[float, float]:
         """Wilson's score interval."""

@@ -9,7 +9,7 @@ from judged import said, truth
 
 from fits.concealed.page import write_page
 from fits.concealed.score import score
-from fits.concealed.tally import by_method, calibration, confusion, goals
+from fits.concealed.tally import Goal, by_method, calibration, confusion, goals
 
 
 @pytest.mark.parametrize(
@@ -87,6 +87,21 @@ def test_goals_count_what_they_say():
     assert placed.share == 0.0
     assert next(g for g in goals(scores) if g.title.startswith("pairs")).met is None
     assert len(found) == len(goals(scores))
+
+
+@pytest.mark.parametrize(
+    ("hits", "of", "asked", "at_most", "told"),
+    [
+        (132, 139, 0.95, False, "94.96%"),
+        (133, 139, 0.95, False, "96%"),
+        (19, 20, 0.95, False, "95%"),
+        (1, 49, 0.02, True, "2.04%"),
+        (1, 50, 0.02, True, "2%"),
+        (0, 68, 0.02, True, "0%"),
+    ],
+)
+def test_a_share_is_told_so_that_its_side_of_the_goal_is_seen(hits, of, asked, at_most, told):
+    assert Goal("", hits, of, asked, at_most).told == told
 
 
 def test_calibration_of_known_beliefs():
