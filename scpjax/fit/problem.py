@@ -100,7 +100,8 @@ def _binned(
     model: Model, data: Data, locals_: Locals, values: Float[Array, " l"], last: Array | None = None
 ) -> Float[Array, "k y"]:
     """`binned_residuals` of one recording: ``data`` without its leading axis, ``model`` its own. It is simulated up to
-    the bin ``last``, the same for all that are side by side, or with its padding.
+    the bin ``last``, or with its padding; where that differs between those side by side (a fleet), the padding is
+    worked out and not used.
     """
     grid = data.grids
     m = _in_room(model, jnp.asarray(data.ambient))
