@@ -34,7 +34,8 @@ def kept_at_most(bar, d, folder, truth):
         noise = truth["files"][f"kept/{file.stem}"]["noise"]
         for channel in recording.output_channels:
             measured = channel.unit.from_si(recording.output(channel.stem))
-            ratio = rmse(said[channel.column], measured) / noise[channel.column]
+            sigma = noise[channel.column.replace("antagonist", "agonist")]  # told of one of two that are alike
+            ratio = rmse(said[channel.column], measured) / sigma
             print(f"{folder.name} {file.stem} {channel.column}: {ratio:.3f} of the noise")
             assert ratio <= bar, (file.name, channel.column)
 
