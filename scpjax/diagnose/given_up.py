@@ -18,6 +18,7 @@ from scpjax.diagnose.remainder import (
     form_at_most,
     leaves_much,
     level,
+    missed,
     share_left,
     takes_most,
     unexplained,
@@ -107,9 +108,8 @@ def outdone(before: Choice, best: State, base: State, parts: Split) -> Choice:
 def _beyond(
     parts: Split, base: State, choice: Choice, rules: Evidence, where: Sequence[str], patience: Patience
 ) -> tuple[Choice, Beyond | None]:
-    held = parts.is_held
-    whole, left = unexplained(base, held), unexplained(choice.state, held)
-    most = max(share_left(base, choice.state, there) for there in (held, parts.is_train))
+    whole, left = (missed(base, s, parts) for s in (base, choice.state))
+    most = max(left / max(whole, 1e-300), share_left(base, choice.state, parts.is_train))
     if form_at_most(base, choice.state, parts):
         fewer, corrected = _corrected_rather_than_named(parts, base, choice, rules, patience)
         if corrected is not None:
@@ -127,7 +127,7 @@ def _beyond(
     if not choice.state.names:
         return choice, alone
     much = left > MUCH * whole
-    by_closure = whole if alone is None else unexplained(alone.state, held)
+    by_closure = whole if alone is None else missed(base, alone.state, parts)
     better = by_closure < _FAR_BETTER * left and (much or by_closure < _COMPLETE * whole)
     if better or leaves_much(base, choice.state, parts):
         return Choice(base, choice.ranking, {}, {}, given_up=(choice.state.names, most)), alone

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from scpjax.fit.data import Data
 
 _MOST = 0.5  # of a recording's samples
+_OTHERS = (((0.15, 0.25), (0.5, 0.6), (0.8, 0.9)), ((0.05, 0.15), (0.4, 0.5), (0.7, 0.8)), ((0.52, 1.0),))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Split:
     """Training data, all data, and which bins belong to which."""
 
@@ -24,6 +26,13 @@ class Split:
     def with_weights(self, weights: np.ndarray) -> Split:
         """The same stretches with other weights of the samples (wild ones: 0)."""
         return _split(self.whole.with_weights(weights), self.mask)
+
+    @cached_property
+    def others(self) -> tuple[Split, ...]:
+        """The same data with other stretches held out: two sets, with these nine tenths of a recording, none of it
+        twice; and the second half, as what changes with time is easily predicted between stretches that are known.
+        """
+        return tuple(split(self.whole, fractions) for fractions in _OTHERS)
 
 
 def split(data: Data, fractions: tuple[tuple[float, float], ...] = ((0.25, 0.35), (0.6, 0.7), (0.9, 1.0))) -> Split:

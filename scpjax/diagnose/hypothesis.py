@@ -19,7 +19,7 @@ from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class State:
     """A hypothesis fitted to the training part, and its binned residuals on all data."""
 

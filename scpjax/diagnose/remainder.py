@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from scpjax.diagnose.folds import squares_in_turn
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.residual import whiteness
@@ -18,8 +19,8 @@ _LITTLE_LEFT = 0.05  # of the held-out misfit in excess of the noise: what names
 MUCH = 0.2
 """Of the misfit: what names may leave that is still no matter of a law's form."""
 _CLEARLY = 2.5  # ratio of residual to noise, above which names that leave much are false
-_NO_SCALE = 100.0  # ratio of the base model's residual to noise, above which the noise is no scale for a law's error
-_HALF = 0.5  # of the misfit: what names may leave there
+_NO_SCALE = 100.0  # ratio of residual to noise, above which the noise is no scale for a law's error
+_HALF = 0.5  # of the misfit: what names may leave there of what they were fitted to
 _MOST = 0.25  # of the held-out misfit, up to which a closure may leave and say where it lies: half in root mean square
 
 
@@ -57,19 +58,36 @@ def share_left(base: State, state: State, there: np.ndarray) -> float:
     return unexplained(state, there) / max(unexplained(base, there), 1e-300)
 
 
+def no_scale(state: State, parts: Split) -> bool:
+    """Whether a hypothesis is so far from the noise that this is no scale for the error of a law."""
+    return level(state, parts) > _NO_SCALE
+
+
 def form_at_most(base: State, state: State, parts: Split) -> bool:
     """Whether names leave so little that it may be what the true law's form differs by from theirs."""
     whole, left = (unexplained(s, parts.is_held) for s in (base, state))
     return bool(state.names) and left <= _LITTLE_LEFT * whole
 
 
+def missed(base: State, state: State, parts: Split) -> float:
+    """Sum of squares, beyond what the noise makes, of what a hypothesis predicts of the stretches held out; of several
+    sets of them in turn where the noise is no scale for what the base model leaves.
+    """
+    return squares_in_turn(state, parts) if no_scale(base, parts) else unexplained(state, parts.is_held)
+
+
 def leaves_much(base: State, state: State, parts: Split) -> bool:
     """Whether names leave so much, of what was held out or of what they were fitted to, clearly above the noise, that
-    they are false.
+    they are false. Where the noise is no scale: more than half of what they were fitted to, or no less of what is held
+    out in turn than the base model does.
     """
-    most = max(share_left(base, state, there) for there in (parts.is_held, parts.is_train))
-    allowed = _HALF if level(base, parts) > _NO_SCALE else MUCH
-    return most > allowed and level(state, parts) > _CLEARLY
+    if level(state, parts) <= _CLEARLY:
+        return False
+    fitted, held = (
+        share_left(base, state, parts.is_train),
+        missed(base, state, parts) / max(missed(base, base, parts), 1e-300),
+    )
+    return (fitted > _HALF or held >= 1.0) if no_scale(base, parts) else max(fitted, held) > MUCH
 
 
 def takes_most(base: State, state: State, parts: Split) -> bool:

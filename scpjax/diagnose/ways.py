@@ -15,7 +15,7 @@ from scpjax.diagnose.laws import other_laws
 from scpjax.diagnose.own import ROOM, own_room, released
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.pruning import prune
-from scpjax.diagnose.remainder import at_noise
+from scpjax.diagnose.remainder import at_noise, no_scale
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.trials import afresh
 from scpjax.diagnose.worth import worthwhile
@@ -87,7 +87,8 @@ class Tried:
 def try_round(search: Search, way: Branch, round_: int, tell: Callable[[str, int], None]) -> Tried:
     """Every mechanism tried beside what a way has named, in its round ``round_``."""
     split, rules = search.split, search.rules
-    able = [r for r in way.ranking if r.round == 1 and r.delta_bic > rules.bic and r.held_out_gain > 0.0]
+    far = no_scale(way.state, split)  # what laws leave that are never quite right says little of what is held out
+    able = [r for r in way.ranking if r.round == 1 and r.delta_bic > rules.bic and (far or r.held_out_gain > 0.0)]
     first = [r for r in able if r.name not in way.state.names]
     tried = try_all(
         way.state,

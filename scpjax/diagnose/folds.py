@@ -1,0 +1,46 @@
+"""Several sets of stretches held out in turn: where no law comes near the noise, it matters which one judges."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from scpjax.abreast import abreast
+from scpjax.diagnose.holdout import Split
+from scpjax.diagnose.hypothesis import State, residual_on
+from scpjax.fit.solve import solve_all
+
+_STEPS, _TOLERANCE = 60, 0.02  # of a fit; half the fall of the sum of squares in one step with which it is at rest
+
+Fold = tuple[np.ndarray, np.ndarray]
+"""Residuals (r, k, y) of a fit, and which of them were held out of it."""
+
+_KNOWN: WeakKeyDictionary[State, tuple[Split, list[Fold]]] = WeakKeyDictionary()
+"""Of hypotheses that are still in use: most are compared more than once."""
+
+
+def held_in_turn(states: Sequence[State], parts: Split) -> list[list[Fold]]:
+    """Each of some hypotheses as it stands, and fitted anew from there with each of the other sets of stretches held
+    out in place of these.
+    """
+
+    def one(job: tuple[State, Split]) -> Fold:
+        state, other = job
+        setup = state.setup
+        (trial,), _, _ = solve_all([state.trial], other.train, setup.space, max_steps=_STEPS, tolerance=_TOLERANCE)
+        return residual_on(trial, other.whole, setup), other.is_held
+
+    new = [s for s in states if s not in _KNOWN or _KNOWN[s][0] is not parts]
+    found = abreast(one, [(state, other) for state in new for other in parts.others])
+    n = len(parts.others)
+    for i, state in enumerate(new):
+        _KNOWN[state] = (parts, [(state.residual, parts.is_held), *found[i * n : (i + 1) * n]])
+    return [_KNOWN[s][1] for s in states]
+
+
+def squares_in_turn(state: State, parts: Split) -> float:
+    """Sum of squares of what is held out, of all sets of stretches in turn."""
+    (folds,) = held_in_turn([state], parts)
+    return sum(float(np.sum(residual[held] ** 2)) for residual, held in folds)
