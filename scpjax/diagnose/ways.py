@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from scpjax.diagnose.candidates import try_all
-from scpjax.diagnose.evidence import Comparison, Evidence, equals, probabilities
+from scpjax.diagnose.evidence import Comparison, Evidence, at_its_least, equals, probabilities
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.laws import other_laws
@@ -133,6 +133,9 @@ def one_more(search: Search, found: Tried, ways: int = WAYS) -> list[Branch]:
             continue
         first = first or c
         out.append(way)
+    if len(out) == 1 < ways and not (at_noise(out[0].state, search.split) or search.patience.over()):
+        trusted = _on_trust(search, found, out[0].state)
+        out += [named(search, found, trusted, pruned=False)] if trusted else []
     return out or [replace(found.way, state=closest, ranking=found.ranking, ended=True)]
 
 
@@ -149,21 +152,33 @@ def _second(among: Sequence[Comparison], first: Comparison, split: Split) -> Com
     return next((c for c in among if first.delta_bic - c.delta_bic <= _CLOSE), None)
 
 
+def _on_trust(search: Search, found: Tried, first: State) -> Comparison | None:
+    """A first name with about as much evidence in what was fitted as the one with most, which led to ``first``, that is
+    not accepted, where the noise is no scale for what that leaves: there it may be bent to imitate what else is
+    missing, and predict better beside that. None where there is none such; on its way all named is judged together.
+    """
+    rules = search.rules
+    if found.way.state.names or not no_scale(first, search.split):
+        return None
+    least = max(rules.bic, found.accepted[0].delta_bic - _CLOSE)
+    able = [c for c in found.tried if not c.accepted and c.delta_bic > least]
+    return next((c for c in able if c.added not in first.names and not at_its_least(c.state, c.added)), None)
+
+
 def _held_out(state: State, split: Split) -> float:
     """RMS of the held-out residuals, in units of the noise."""
     return float(np.sqrt(np.mean(state.residual[split.is_held] ** 2)))
 
 
-def named(search: Search, found: Tried, c: Comparison) -> Branch:
-    """The way with one of what may be added to it."""
+def named(search: Search, found: Tried, c: Comparison, *, pruned: bool = True) -> Branch:
+    """The way with one of what may be added to it; where it is to be ``pruned``, without what is not missed then."""
     split, rules, way = search.split, search.rules, found.way
     like = equals(c, found.accepted, way.state, split)
     state = afresh(c.state, split)
     state = other_laws(state, c.added, split, rules, search.base, search.patience)
-    pruned = prune(state, split, rules, search.base)
-    if len(pruned.names) == 1 < len(state.names):  # beside others it may not have been asked for its law
-        pruned = other_laws(pruned, pruned.names[0], split, rules, search.base, search.patience)
-    state = pruned
+    whole, state = state, prune(state, split, rules, search.base) if pruned else state
+    if len(state.names) == 1 < len(whole.names):  # beside others it may not have been asked for its law
+        state = other_laws(state, state.names[0], split, rules, search.base, search.patience)
     tried, own = way.tried | {c.added: found.tried}, {n: p for n, p in way.own.items() if n != c.added}
     return Branch(state, found.ranking, tried, own, way.equivalents | {c.added: like})
 
