@@ -12,7 +12,8 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, residual_on
 from scpjax.fit.solve import solve_all
 
-_STEPS, _TOLERANCE = 60, 0.02  # of a fit; half the fall of the sum of squares in one step with which it is at rest
+_STEPS = 40  # of a fit
+_COARSE = 1e-4  # half the fall of the sum of squares in one step, as a share of it, with which a fit is at rest
 
 Fold = tuple[np.ndarray, np.ndarray]
 """Residuals (r, k, y) of a fit, and which of them were held out of it."""
@@ -28,8 +29,8 @@ def held_in_turn(states: Sequence[State], parts: Split) -> list[list[Fold]]:
 
     def one(job: tuple[State, Split]) -> Fold:
         state, other = job
-        setup = state.setup
-        (trial,), _, _ = solve_all([state.trial], other.train, setup.space, max_steps=_STEPS, tolerance=_TOLERANCE)
+        setup, at_rest = state.setup, _COARSE * state.cost
+        (trial,), _, _ = solve_all([state.trial], other.train, setup.space, max_steps=_STEPS, tolerance=at_rest)
         return residual_on(trial, other.whole, setup), other.is_held
 
     new = [s for s in states if s not in _KNOWN or _KNOWN[s][0] is not parts]

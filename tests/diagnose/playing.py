@@ -62,6 +62,7 @@ def played(monkeypatch, misfits: dict[str, float], held_out: dict[str, float] | 
     put(monkeypatch, "equals", lambda best, others, before, split: ())
     put(monkeypatch, "worthwhile", lambda *_: True)
     put(monkeypatch, "no_scale", lambda *_: False)
+    put(monkeypatch, "at_its_least", lambda *_: False)
     put(monkeypatch, "at_noise", lambda state, split, level=1.0: state.cost <= 1)
     put(monkeypatch, "is_better", lambda a, b, split, rules: a.cost < b.cost)
     put(monkeypatch, "chance_against", lambda a, b, split, rules: 1 / (1 + exp((a.cost - b.cost) / 2)))

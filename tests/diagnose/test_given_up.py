@@ -53,7 +53,7 @@ def test_names_that_explain_less_than_a_closure_are_not_given():
         (0.15, 2.0, 0.07, False),  # and explains nearly all
         (0.25, 2.0, 0.12, False),
         (0.4, 40.0, None, False),
-        (0.4, 80.0, None, True),  # noise so small that no law comes near it: more than half went
+        (0.4, 80.0, None, True),  # noise so small that no law comes near it: more than half went of what was fitted
         (0.6, 80.0, None, False),
         (0.15, 2.0, 0.08, True),
     ],
@@ -72,6 +72,7 @@ def test_names_that_leave_much_are_given_up_and_told_of_as_nearest(monkeypatch, 
     named = with_excess(named, far**2)
     closed = None if alone is None else SimpleNamespace(state=with_excess(base, 1.0 + alone * (far**2 - 1.0) / leaves))
     monkeypatch.setattr(given_up, "closure", lambda state, *_, **__: closed if state is base else None)
+    monkeypatch.setattr(remainder, "squares_in_turn", lambda s, parts: remainder.unexplained(s, parts.is_held))
     choice, learned = beyond_names(parts, base, Choice(named, (), {"ambient_drift": 1.0}, {}), Evidence(), ["sensor"])
     assert (choice.state is named) == stays
     if stays:
@@ -80,6 +81,32 @@ def test_names_that_leave_much_are_given_up_and_told_of_as_nearest(monkeypatch, 
         assert learned is closed
         assert choice.given_up[0] == ("ambient_drift",)
         assert choice.given_up[1] == pytest.approx(leaves)
+
+
+@pytest.mark.parametrize(
+    ("fitted", "in_turn", "alone", "stays"),
+    [
+        (0.4, 0.9, None, True),
+        (0.4, 1.0, None, False),  # they predict no better
+        (0.6, 0.3, None, False),  # they leave more than half
+        (0.4, 0.9, 0.5, True),
+        (0.4, 0.9, 0.4, False),  # a closure without them does far better
+    ],
+)
+def test_where_the_noise_is_no_scale_all_sets_held_out_in_turn_decide(monkeypatch, fitted, in_turn, alone, stays):
+    """Of the one set the names leave twice what the base model does."""
+    base, parts = rubbed()
+    named = added(base, "ambient_drift", parts)
+    base = replace(base, residual=np.full_like(base.residual, 150.0))
+    named = replace(named, residual=150.0 * np.sqrt(np.where(parts.is_held, 2.0, fitted)))
+    closed = None if alone is None else SimpleNamespace(state=replace(base))
+    left = {id(base): 1e6, id(named): 1e6 * in_turn} | ({id(closed.state): 1e6 * alone} if closed else {})
+    monkeypatch.setattr(remainder, "squares_in_turn", lambda s, _: left[id(s)])
+    monkeypatch.setattr(given_up, "closure", lambda state, *_, **__: closed if state is base else None)
+    choice, _ = beyond_names(parts, base, Choice(named, (), {"ambient_drift": 1.0}, {}), Evidence(), ["sensor"])
+    assert (choice.state is named) == stays
+    if not stays:
+        assert choice.given_up == (("ambient_drift",), pytest.approx(max(fitted, in_turn), rel=1e-3))
 
 
 @pytest.mark.parametrize(("fitted", "held", "stays"), [(0.15, 0.15, True), (0.47, 0.15, False), (0.15, 0.47, False)])

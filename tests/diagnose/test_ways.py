@@ -1,5 +1,7 @@
 """A round on a way: what is tried and named, and which ways are gone on. The fits are played."""
 
+from dataclasses import replace
+
 import pytest
 from diagnose.playing import Played, chosen, played, put
 
@@ -34,6 +36,60 @@ def test_where_one_is_far_ahead_only_it_is_followed(monkeypatch):
     asked = played(monkeypatch, {"a": 500.0, "b": 530.0, "ac": 1.0, "bc": 0.5})
     assert chosen() == {"a", "c"}
     assert ("b",) not in asked
+
+
+def _predicting_no_better(monkeypatch, name: str) -> None:
+    """As a first name this one is not accepted, however well it fits."""
+    try_all = ways.try_all
+
+    def asked(state, *args, **more):
+        found = try_all(state, *args, **more)
+        return [replace(c, accepted=False, held_out_gain=-0.1) if c.state.names == (name,) else c for c in found]
+
+    put(monkeypatch, "try_all", asked)
+
+
+@pytest.mark.parametrize(
+    ("far", "b", "wanted"), [(True, 510.0, {"b", "c"}), (True, 530.0, {"a", "c"}), (False, 510.0, {"a", "c"})]
+)
+def test_where_the_noise_is_no_scale_what_fits_as_well_is_gone_on_with_on_trust(monkeypatch, far, b, wanted):
+    """``b`` predicts no better alone, but only with it is the noise reached; if its fit is about as close as that of
+    ``a``, and not nearer the noise, where that speaks against it.
+    """
+    asked = played(monkeypatch, {"a": 500.0, "b": b, "ac": 300.0, "bc": 1.0})
+    _predicting_no_better(monkeypatch, "b")
+    put(monkeypatch, "no_scale", lambda *_: far)
+    put(monkeypatch, "prune", lambda state, *_: Played((), 1000.0) if state.names == ("b",) else state)
+    assert chosen() == wanted
+    assert (("b",) in asked) is ("b" in wanted)
+
+
+@pytest.mark.parametrize("least", [False, True])
+def test_only_a_first_name_is_trusted_and_none_that_is_at_its_least(monkeypatch, least):
+    asked = played(monkeypatch, {"a": 500.0, "b": 510.0, "ab": 400.0, "ac": 405.0})
+    _predicting_no_better(monkeypatch, "b")
+    put(monkeypatch, "no_scale", lambda *_: True)
+    put(monkeypatch, "at_its_least", lambda *_: least)
+    put(monkeypatch, "one_promises_the_rest", lambda *_: True)
+    chosen()
+    assert (("b",) in asked) is not least
+    assert ("a", "c") in asked  # beside a first name those accepted, as ever
+
+
+@pytest.mark.parametrize("far", [False, True])
+def test_where_the_noise_is_no_scale_what_fits_contends_later_though_it_predicts_no_better(monkeypatch, far):
+    played(monkeypatch, {"a": 500.0, "b": 700.0, "ac": 300.0})
+    _predicting_no_better(monkeypatch, "b")
+    put(monkeypatch, "no_scale", lambda *_: far)
+    told, try_all = {}, ways.try_all
+
+    def asked(state, *args, contenders, **more):
+        told[state.names] = contenders
+        return try_all(state, *args, contenders=contenders, **more)
+
+    put(monkeypatch, "try_all", asked)
+    chosen()
+    assert told["a",] == (["b"] if far else [])
 
 
 @pytest.mark.parametrize(("better", "wanted"), [(0.95, {"a", "c"}), (0.8, {"b", "c"})])
