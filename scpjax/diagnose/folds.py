@@ -33,12 +33,14 @@ def held_in_turn(states: Sequence[State], parts: Split) -> list[list[Fold]]:
         (trial,), _, _ = solve_all([state.trial], other.train, setup.space, max_steps=_STEPS, tolerance=at_rest)
         return residual_on(trial, other.whole, setup), other.is_held
 
-    new = [s for s in states if s not in _KNOWN or _KNOWN[s][0] is not parts]
+    mine = {s: known[1] for s in states if (known := _KNOWN.get(s)) and known[0] is parts}
+    new = [s for s in dict.fromkeys(states) if s not in mine]
     found = abreast(one, [(state, other) for state in new for other in parts.others])
     n = len(parts.others)
     for i, state in enumerate(new):
-        _KNOWN[state] = (parts, [(state.residual, parts.is_held), *found[i * n : (i + 1) * n]])
-    return [_KNOWN[s][1] for s in states]
+        mine[state] = [(state.residual, parts.is_held), *found[i * n : (i + 1) * n]]
+        _KNOWN[state] = (parts, mine[state])
+    return [mine[s] for s in states]
 
 
 def squares_in_turn(state: State, parts: Split) -> float:

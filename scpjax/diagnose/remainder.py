@@ -83,10 +83,8 @@ def leaves_much(base: State, state: State, parts: Split) -> bool:
     """
     if level(state, parts) <= _CLEARLY:
         return False
-    fitted, held = (
-        share_left(base, state, parts.is_train),
-        missed(base, state, parts) / max(missed(base, base, parts), 1e-300),
-    )
+    fitted = share_left(base, state, parts.is_train)
+    held = missed(base, state, parts) / max(missed(base, base, parts), 1e-300)
     return (fitted > _HALF or held >= 1.0) if no_scale(base, parts) else max(fitted, held) > MUCH
 
 
