@@ -70,8 +70,8 @@ def form_at_most(base: State, state: State, parts: Split) -> bool:
 
 
 def missed(base: State, state: State, parts: Split) -> float:
-    """Sum of squares, beyond what the noise makes, of what a hypothesis predicts of the stretches held out; of several
-    sets of them in turn where the noise is no scale for what the base model leaves.
+    """Sum of squares, beyond what the noise makes, of what a hypothesis predicts of the stretches held out. Where the
+    noise is no scale for what the base model leaves: the whole sum, of several sets of stretches in turn.
     """
     return squares_in_turn(state, parts) if no_scale(base, parts) else unexplained(state, parts.is_held)
 

@@ -6,9 +6,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from diagnose.heated import recorded as heated
+from diagnose.heated import rubbed_by_air
 from diagnose.test_holdout import recorded
 
 from scpjax.diagnose import evidence, folds, remainder
+from scpjax.diagnose.diagnose import _base
 from scpjax.diagnose.evidence import Evidence, compare
 from scpjax.diagnose.folds import held_in_turn, squares_in_turn
 from scpjax.diagnose.holdout import Split, split
@@ -108,3 +111,10 @@ def test_how_much_is_left_is_of_all_sets_where_the_noise_is_no_scale(monkeypatch
     assert leaves_much(base, state, parts)  # type: ignore[arg-type]
     monkeypatch.setattr(remainder, "squares_in_turn", None)
     assert leaves_much(base, state, parts)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("quiet", "told"), [(1.0, False), (1e-3, True)])
+def test_that_they_judge_is_told(quiet, told):
+    _, base, notes = _base(prepare([heated(rubbed_by_air, quiet=quiet)]))
+    assert any("second half" in n for n in notes) is told
+    assert base.names == ()
