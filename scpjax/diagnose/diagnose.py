@@ -37,7 +37,8 @@ from scpjax.recordings.recording import Recording
 
 _NO_SCALE = (
     "the base model misses by {far:.0f} times the noise: so far from it names are judged by four sets of stretches "
-    "held out in turn, the second half of each recording among them; gains told of those with evidence are of all four"
+    "held out in turn, the second half of each recording among them; so are gains told of those with evidence, beside "
+    "what leaves as much"
 )
 
 

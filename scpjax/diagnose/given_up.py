@@ -46,13 +46,12 @@ def beyond_names(
     is learned beyond those that stay, nor a correction of their laws.
 
     Names are false if a closure without them does far better on the held-out misfit, and explains nearly all of it or
-    they leave much; or if they leave much, of that or of what they were fitted to, that stands clearly above the noise,
-    where that is so small that no simple law comes near it more than half; or if they ask for more than their laws
-    allow; or, where they leave little, if one acts at once, or a single one stands at an end, and a closure alone does
-    better. A closure is learned beyond the names that stay; in their balances, as a correction of their laws, where
-    they leave little near the noise. A last name that came where little was left, or a little more if the names miss
-    the noise and it does not, is false if such a correction does better in its place, and so is one of which beside
-    the closure nothing stays.
+    they leave much; or if they leave much clearly above the noise (`leaves_much`); or if they ask for more than their
+    laws allow; or, where they leave little, if one acts at once, or a single one stands at an end, and a closure alone
+    does better. A closure is learned beyond the names that stay; in their balances, as a correction of their laws,
+    where they leave little near the noise. A last name that came where little was left, or a little more if the names
+    miss the noise and it does not, is false if such a correction does better in its place, and so is one of which
+    beside the closure nothing stays.
     """
     alone = _instead_of_doubtful(base, choice.state, parts, rules) if form_at_most(base, choice.state, parts) else None
     if alone is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +11,8 @@ import numpy as np
 from scpjax.fit.data import Data
 
 _MOST = 0.5  # of a recording's samples
-_OTHERS = (((0.15, 0.25), (0.5, 0.6), (0.8, 0.9)), ((0.05, 0.15), (0.4, 0.5), (0.7, 0.8)), ((0.52, 1.0),))
+_OTHERS = (((0.15, 0.25), (0.5, 0.6), (0.8, 0.9)), ((0.05, 0.15), (0.4, 0.5), (0.7, 0.8)))
+_HALF = 0.52  # of a recording, after which its second half begins
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +34,7 @@ class Split:
         """The same data with other stretches held out: two sets, with these nine tenths of a recording, none of it
         twice; and the second half, as what changes with time is easily predicted between stretches that are known.
         """
-        return tuple(split(self.whole, fractions) for fractions in _OTHERS)
+        return *(split(self.whole, fractions) for fractions in _OTHERS), _split(self.whole, _second_half(self.whole))
 
 
 def split(data: Data, fractions: tuple[tuple[float, float], ...] = ((0.25, 0.35), (0.6, 0.7), (0.9, 1.0))) -> Split:
@@ -54,6 +56,20 @@ def split(data: Data, fractions: tuple[tuple[float, float], ...] = ((0.25, 0.35)
         if np.mean(held[i, seen]) > _MOST:
             held[i] = False
     return _split(data, held)
+
+
+def _second_half(data: Data) -> np.ndarray:
+    """Samples (r, n, y) of the second half of every recording, on whole bins: of its time, or where fewer were seen
+    in the first, of what was seen.
+    """
+    weights, at = np.asarray(data.weights), np.asarray(data.grids.at)
+    held = np.zeros(weights.shape, bool)
+    for i in range(weights.shape[0]):
+        seen = at[i, weights[i].sum(axis=1) > 0]
+        low = round(_HALF * (seen[-1] + 1) / data.bin)
+        at_most = seen[math.ceil((1 - _MOST) * len(seen))] if len(seen) > 1 else seen[-1] + data.bin
+        held[i, (at[i] >= max(low, -(-at_most // data.bin)) * data.bin) & (at[i] <= seen[-1])] = True
+    return held
 
 
 def _split(data: Data, held: np.ndarray) -> Split:

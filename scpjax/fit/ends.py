@@ -18,7 +18,7 @@ from jaxtyping import Float
 from scpjax.fit.data import Data
 from scpjax.fit.problem import Space, Trial
 
-_KEPT = 4  # data of which ends are kept: those of a search, and what it is set against
+_KEPT = 12  # data of which ends are kept: those of a search, held out in turn, and what it is set against
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,10 @@ class Ends:
     def find(self, data: Data, key: Hashable, limit: int, tolerance: float) -> End | None:
         """The end of a fit; None of one that was not made."""
         with self._lock:
-            known = self._of[id(data)][1].get(key, ()) if id(data) in self._of else ()
+            known: tuple[End, ...] = ()
+            if id(data) in self._of:
+                self._of.move_to_end(id(data))
+                known = self._of[id(data)][1].get(key, ())
         return next((end for end in known if end.is_of(limit, tolerance)), None)
 
     def keep(self, data: Data, key: Hashable, end: End) -> None:

@@ -43,7 +43,8 @@ _PLACES = {
 def write_diagnosis(
     diagnosis: Diagnosis, out_dir: str | Path, *, recordings: Sequence[Recording] = (), command: str = ""
 ) -> Path:
-    """Write diagnosis.json, model.json, figures/*.png and report.html; the path of the report.
+    """Write diagnosis.json, model.json, figures/*.png, report.html, and missing.csv where something is missing; the
+    path of the report.
 
     ``command`` is the line that can be run to make them again.
     """
@@ -68,6 +69,9 @@ def write_diagnosis(
         shapes[_PROPOSED] = proposed
         write_text(out / CSV_NAME, d.next_experiment.csv())
     drop_old_proposal(d, out)
+    missing.write_table(d, out)
+    for name in {*_SOMETIMES} - {*shapes}:  # of an earlier diagnosis
+        (out / "figures" / f"{name}.png").unlink(missing_ok=True)
     write_figures(out, shapes)
     cards = [_mechanism(m, d.only_by_form(m)) for m in d.mechanisms]
     body = [
@@ -115,6 +119,7 @@ def drop_old_proposal(d: Diagnosis, out: Path) -> None:
 
 
 _PROPOSED = "next_experiment"  # name of its figure
+_SOMETIMES = ("misfit", "ranking", "missing", "closure")  # names of figures that not every diagnosis has
 _RANKING_CAPTION = (
     "First round: fall of the Bayesian information criterion (above 10 is very strong; logarithmic beyond "
     "10) and the part of the held-out misfit that each mechanism removes. In blue what was named."
@@ -266,10 +271,10 @@ def _rmse(s: Scores, name: str, held_out: bool) -> float:
 
 
 def _rounds(d: Diagnosis) -> str:
-    later = [r for r in d.ranking if r.round > 1]
+    """The first few of each round, with their probabilities."""
     rows = []
-    for round_ in sorted({r.round for r in later}):
-        best = sorted((r for r in later if r.round == round_), key=lambda r: -r.delta_bic)[:5]
+    for round_ in sorted({r.round for r in d.ranking}):
+        best = sorted((r for r in d.ranking if r.round == round_), key=lambda r: -r.delta_bic)[:5]
         rows += [
             (
                 str(round_),
@@ -292,13 +297,30 @@ def _rounds(d: Diagnosis) -> str:
 
 def _cannot_tell(d: Diagnosis) -> list[str]:
     alike = [(m, (*(title(e) for e in m.equivalents), *m.as_well)) for m in d.mechanisms]
+    apart = any(others for _, others in alike) and d.next_experiment is None
     parts = [
-        page.bullets([f"{m.title}, or {', or '.join(others)}." for m, others in alike if others]),
+        page.bullets(
+            [f"{m.title}, or {', or '.join(others)}. {_shown_by(m)}".rstrip() for m, others in alike if others]
+        ),
+        page.text(_TELL_APART) if apart else "",
         page.bullets([sentence(s) for s in dict.fromkeys(d.not_identifiable)]),
     ]
     if not any(parts):
         parts = [page.text("Nothing: every parameter is determined, and no other mechanism does as well.")]
     return parts
+
+
+_TELL_APART = (
+    "The same command with --next designs the experiment that tells them apart, within the limits of the rig "
+    "(--max-volts, --duration and others), and writes the drive to play."
+)
+
+
+def _shown_by(m: Named) -> str:
+    """What shows a mechanism and those that stand beside it, so far as the catalogue tells."""
+    known = catalogue()
+    said = [(known[n].title, known[n].excited_by) for n in (m.name, *m.equivalents) if n in known]
+    return " ".join(f"{t} shows by {by}." for t, by in said if by)
 
 
 def _labels(d: Diagnosis) -> tuple[str, str]:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Sequence
 from html import escape
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from scpjax.diagnose.result import FREE, Diagnosis, Drawn, Latent
+from scpjax.recordings.files import write_text
 from scpjax.report import page, plot
 from scpjax.report.numbers import number, percent
 from scpjax.report.plot import EXTENDED, FAINT, TEXT, new_figure, style
@@ -30,6 +34,8 @@ _SCALED = {
     "1": ("1", 1.0),
 }
 _MOST = 4  # recordings drawn
+TABLE = "missing.csv"
+"""What is missing in every balance and reading, over time, for programs."""
 
 
 def _words(latent: Latent) -> str:
@@ -115,7 +121,25 @@ def section(d: Diagnosis, shapes: dict[str, bytes]) -> str:
         page.text(lead),
         page.figure(shapes["missing"], caption),
         page.table(head, rows, (2, 3, 4)),
+        page.text(f"All of them over time, with their standard deviations, in {TABLE}.", "small soft"),
     )
+
+
+def write_table(d: Diagnosis, out: Path) -> None:
+    """Write `TABLE`: of every place the estimate and its standard deviation, in SI, a line for each time; where nothing
+    is missing, what an earlier diagnosis wrote into this folder goes.
+    """
+    if d.verdict == "adequate" or not d.missing:
+        (out / TABLE).unlink(missing_ok=True)
+        return
+    names = list(dict.fromkeys(t.recording for t in d.traces))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("place", "unit", "recording", "time_s", "mean", "std"))
+    for m in d.missing:
+        for name, *columns in zip(names, m.time, m.mean, m.std, strict=True):
+            writer.writerows((m.place, m.unit, name, *(f"{v:.6g}" for v in at)) for at in zip(*columns, strict=True))
+    write_text(out / TABLE, text.getvalue())
 
 
 def _shown(d: Diagnosis) -> Latent:

@@ -13,12 +13,13 @@ from diagnose.test_holdout import recorded
 from scpjax.diagnose import evidence, folds, remainder
 from scpjax.diagnose.diagnose import _base
 from scpjax.diagnose.evidence import Evidence, compare
-from scpjax.diagnose.folds import held_in_turn, squares_in_turn
+from scpjax.diagnose.folds import held_in_turn, squares_in_turn, untold
 from scpjax.diagnose.holdout import Split, split
-from scpjax.diagnose.hypothesis import State, residual_on
+from scpjax.diagnose.hypothesis import State, grown, residual_on, trial_at
 from scpjax.diagnose.remainder import leaves_much
 from scpjax.fit.fit import best_start, refine
 from scpjax.fit.setup import prepare
+from scpjax.physics.catalogue import mechanism
 
 _N = 1000
 _OFF = slice(int(0.82 * _N), int(0.88 * _N))  # held out by the second set of stretches, and in the second half
@@ -47,6 +48,47 @@ def test_nine_tenths_are_held_out_and_none_of_it_twice_and_the_second_half():
     assert parts.others is parts.others
     finer = replace(parts, train=parts.train.finer(2), whole=parts.whole.finer(2))
     assert all(np.array_equal(a.is_held, b.is_held) for a, b in zip(parts.others, finer.others, strict=True))
+
+
+@pytest.mark.parametrize("away", [(0.1, 0.2), (0.2, 0.6), (0.7, 0.9), (0.0, 0.0)])
+def test_the_second_half_is_held_out_of_recordings_with_gaps_too(away):
+    recording = recorded(_N)
+    read = np.array(recording.outputs)
+    read[int(away[0] * _N) : int(away[1] * _N)] = np.nan
+    parts = split(prepare([recording.with_outputs(read)]).data)
+    half = parts.others[-1].mask[0, :, 0]
+    there = np.asarray(parts.whole.weights)[0, :, 0] > 0
+    first = int(np.argmax(half))
+    assert first >= 0.5 * _N
+    assert half[first : np.flatnonzero(there)[-1] + 1].all()
+    assert 0.2 < np.mean(half[there]) <= 0.5
+
+
+def test_what_only_the_stretches_held_out_say_is_not_remembered():
+    """A room that grows warmer in the second half alone, fitted to all of it."""
+    recording = recorded(_N)
+    read = np.array(recording.outputs)
+    since = 0.05 * np.arange(_N)[:, None] - 35.0
+    read += np.where(since > 0, 3.0 * -np.expm1(-since / 5.0), 0.0)
+    base = prepare([recording.with_outputs(read)])
+    parts = split(base.data)
+    m = mechanism("ambient_drift")
+    setup, law = grown(base, m), m.laws.index("excursion")
+    known = {"begin": 35.0, "end": 140.0, "time_constant": 5.0, "drift": 3.0 / base.scales.temperature}
+    start = np.array(setup.starts[0])
+    for key, value in known.items():
+        start[setup.structure.index[f"ambient_drift.{key}"]] = value
+    laws = np.array([law if each.name == m.name else 0 for each in setup.structure.mechanisms])
+    trial, _, cost = refine(setup, parts.train, trial_at(setup, start, laws))
+    state = State(setup, trial, residual_on(trial, parts.whole, setup), cost)
+    half = parts.others[-1]
+    drift = setup.structure.index["ambient_drift.drift"]
+    assert [bool(np.asarray(untold(trial, setup, by).active)[drift]) for by in (half, parts)] == [False, True]
+    assert np.asarray(untold(trial, setup, half).fixed)[drift] == 0.0
+    assert untold(fitted()[0].trial, fitted()[0].setup, half) is fitted()[0].trial  # nothing beyond the base model
+    *_, (residual, held) = held_in_turn([state], parts)[0]
+    assert float(np.sqrt(np.mean(residual[held] ** 2))) > 20
+    assert float(np.sqrt(np.mean(residual[half.is_train] ** 2))) < 1.5
 
 
 def test_each_set_judges_a_fit_that_has_not_seen_it():

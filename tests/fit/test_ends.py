@@ -8,7 +8,7 @@ import pytest
 
 from scpjax.diagnose.holdout import split
 from scpjax.fit import solve as room
-from scpjax.fit.ends import End, Ends, key_of
+from scpjax.fit.ends import _KEPT, End, Ends, key_of
 from scpjax.fit.setup import prepare
 from scpjax.fit.solve import solve, solve_all
 from scpjax.recordings.recording import Metadata, Recording
@@ -113,7 +113,9 @@ def test_other_data_priors_or_starts_are_other_fits(problem, made):
 def test_only_the_last_few_data_are_held(problem, made):
     setup, _ = problem
     ends, end = Ends(), End(np.zeros(3), 1.0, True, 3, 40, 1e-3)
-    several = [split(setup.data).train for _ in range(5)]
-    for data in several:
+    several = [split(setup.data).train for _ in range(_KEPT + 1)]
+    for data in several[:-1]:
         ends.keep(data, "fit", end)
-    assert [ends.find(data, "fit", 40, 1e-3) is end for data in several] == [False, True, True, True, True]
+    assert ends.find(several[0], "fit", 40, 1e-3) is end  # asked for again, it is none of the oldest
+    ends.keep(several[-1], "fit", end)
+    assert [ends.find(data, "fit", 40, 1e-3) is end for data in several] == [i != 1 for i in range(len(several))]

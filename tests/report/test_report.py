@@ -176,6 +176,11 @@ def test_what_is_missing_is_drawn_and_what_was_learned_is_not_given_a_name(tmp_p
     assert "Power missing" in text
     assert "Missing in the temperature reading" in text
     assert (tmp_path / "figures" / "missing.png").stat().st_size > 10_000
+    lines = (tmp_path / "missing.csv").read_text().splitlines()
+    assert lines[0] == "place,unit,recording,time_s,mean,std"
+    assert len(lines) == 1 + 2 * 2 * 30  # places, recordings, times
+    assert lines[31].split(",")[:3] == ["heat", "W", "multi/level"]
+    assert [float(v) for v in lines[32].split(",")[3:]] == pytest.approx([20 / 29, 10 / 29, 0.2], rel=1e-5)
     j = json.loads((tmp_path / "diagnosis.json").read_text())
     assert j["closure"]["expression"] == learned.expression
     assert [m["place"] for m in j["missing"]] == ["heat", "temperature reading"]
@@ -183,7 +188,28 @@ def test_what_is_missing_is_drawn_and_what_was_learned_is_not_given_a_name(tmp_p
 
 
 def test_an_adequate_model_shows_no_missing_input(tmp_path):
+    write_diagnosis(diagnosis(missing=(latent(),)), tmp_path, recordings=recordings())
+    assert (tmp_path / "missing.csv").exists()  # of an earlier one, into the same folder
     made = diagnosis(verdict="adequate", mechanisms=(), missing=(latent(),))
     _, text = read(write_diagnosis(made, tmp_path, recordings=recordings()))
     assert "before it is named" not in text
     assert not (tmp_path / "figures" / "missing.png").exists()
+    assert not (tmp_path / "missing.csv").exists()
+
+
+def test_the_first_round_tells_its_probabilities_too(tmp_path):
+    _, text = read(write_diagnosis(diagnosis(), tmp_path))
+    tried = text[text.index("What was tried") : text.index("What these recordings cannot tell apart")]
+    rows = tried.split("Probability ")[-1]
+    assert rows.startswith("1 Resistance rises with temperature")
+    assert rows.index("98 %") < rows.index("1 Heat loss grows faster") < rows.index(" 2 % 1 ") < rows.index(" 2 Creep")
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_what_is_not_told_apart_says_what_would_show_it(tmp_path, apart):
+    """By what shows each, and by which command, where there is no experiment yet and anything to tell apart."""
+    named = diagnosis().mechanisms[0]
+    made = diagnosis(mechanisms=(named if apart else replace(named, equivalents=(), as_well=()),))
+    _, text = read(write_diagnosis(made, tmp_path))
+    assert ("shows by cooling curves and steady states at several voltages." in text) is apart
+    assert ("The same command with --next designs the experiment" in text) is apart
