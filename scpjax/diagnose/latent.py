@@ -31,6 +31,7 @@ from scpjax.physics.model import Model
 READING = 0.99  # of its evidence, that counts for a reading beside a balance
 _KNOTS = 90  # per recording
 _LENGTHS = (0.25, 0.1, 0.04, 0.015)  # correlation lengths tried, as shares of the longest recording
+_ALIKE = 1e-6  # of the greatest singular value, below which directions are none of their own
 _SIZES = np.logspace(-3, 3, 25)  # amplitudes tried, relative to what makes one standard deviation of misfit
 
 
@@ -48,7 +49,8 @@ class Misfit:
     """The residuals of a fitted base model, and how they would respond to an input of any balance or sensor; both
     without what its own parameters can imitate.
 
-    ``target`` (rows,) is what has to be added, in standard deviations of the bins where there is a reading.
+    ``target`` (rows,) is what has to be added, in standard deviations of the bins where there is a reading; ``own``
+    (rows, parameters) how they would respond to the base model's own parameters.
     """
 
     def __init__(self, setup: Setup, data: Data, trial: Trial, binned: Binned):
@@ -60,19 +62,25 @@ class Misfit:
         self._rows = binned.there.ravel()
         residual = np.asarray(here.residual[0])[: self._rows.size][self._rows]
         jacobian = np.asarray(here.jacobian[0])[: self._rows.size][self._rows]
-        self._imitated, _ = np.linalg.qr(jacobian[:, np.any(jacobian != 0, axis=0)])
-        self.target = self._clean(-residual)
+        self.own = jacobian[:, np.any(jacobian != 0, axis=0)]
+        self._imitated, _ = np.linalg.qr(self.own)
+        self.target = self.clean(-residual)
         r, k, y = binned.there.shape
         self.widths = np.asarray(data.grids.step) * data.bin  # s, of a bin of each recording
         count = np.asarray(data.at_start + data.at_end).reshape(r, k, data.bin, y).sum(axis=2)
         with np.errstate(divide="ignore"):
             self._scale = np.where(np.isfinite(data_norm(data)), count / data_norm(data), 0.0)
 
-    def _clean(self, x: np.ndarray) -> np.ndarray:
+    def clean(self, x: np.ndarray) -> np.ndarray:
+        """What is left of responses (rows, ...) without what the base model's own parameters can imitate."""
         return x - self._imitated @ (self._imitated.T @ x)
 
     def responses(self, place: str, inputs: Sequence[np.ndarray]) -> np.ndarray:
         """(rows, sum of m) to ``inputs`` (k, m) of each recording, linear over each bin, in a place."""
+        return self.clean(self.whole_responses(place, inputs))
+
+    def whole_responses(self, place: str, inputs: Sequence[np.ndarray]) -> np.ndarray:
+        """The same with what the base model's own parameters can imitate."""
         where = self.places[place]
         r, k, y = self.binned.there.shape
         blocks = []
@@ -81,7 +89,7 @@ class Misfit:
             times = given if where.times is None else given * where.times[i][:, None]
             g[i] = _linear_response(self.linear, where, float(self.widths[i]), times, y)
             blocks.append((g * self._scale[..., None]).reshape(-1, given.shape[1])[self._rows])
-        return self._clean(np.concatenate(blocks, axis=1))
+        return np.concatenate(blocks, axis=1)
 
 
 def missing(misfit: Misfit) -> tuple[Latent, ...]:
@@ -145,27 +153,30 @@ def _estimate(misfit: Misfit, place: _Place) -> Latent | None:
     count = [-(-n // step) + 1 for n, step in zip(bins, gap, strict=True)]
     triangles = [hats(binned.there.shape[1], step, m) for step, m in zip(gap, count, strict=True)]
     times = [np.arange(m) * step * width for m, step, width in zip(count, gap, misfit.widths, strict=True)]
-    response, target = misfit.responses(place.name, triangles), misfit.target
+    raw, target = misfit.whole_responses(place.name, triangles), misfit.target
+    response = misfit.clean(raw)
     if not np.any(response):
         return None
     unit = 1.0 / np.sqrt(np.mean(np.sum(response**2, axis=0)))
     span = max(t[-1] for t in times)
     noise = 1.0
     fits = [_marginal(response * unit, target, times, share * span, noise) for share in _LENGTHS]
-    evidence, mean, std, length, left = max(fits, key=lambda f: f[0])
+    best = max(fits, key=lambda f: f.evidence)
+    std = np.sqrt(np.maximum(np.diag(best.covariance), 0.0))
     edges = np.cumsum([0, *[len(t) for t in times]])
-    parts = [(mean[a:b] * unit, std[a:b] * unit) for a, b in itertools.pairwise(edges)]
+    parts = [(best.mean[a:b] * unit, std[a:b] * unit) for a, b in itertools.pairwise(edges)]
     shares, leading = depends(binned, times, [m for m, _ in parts], [s for _, s in parts])
+    band = unit * _of_the_rest(best, raw * unit, misfit.own)
     return Latent(
         place.subsystem,
         place.name,
         place.unit,
-        float(evidence),
-        float(1.0 - left / max(float(target @ target), 1e-300)),
-        float(length),
+        float(best.evidence),
+        float(1.0 - best.left / max(float(target @ target), 1e-300)),
+        float(best.length),
         tuple(times),
         tuple(m for m, _ in parts),
-        tuple(s for _, s in parts),
+        tuple(band[a:b] for a, b in itertools.pairwise(edges)),
         shares,
         leading,
     )
@@ -200,10 +211,41 @@ def _linear_response(
     return out
 
 
+@dataclass(frozen=True)
+class _Posterior:
+    """Of the values at the knots: mean and covariance at the best amplitude for one correlation length; ``left`` of the
+    sum of squares; ``root`` (of the prior's covariance) and the amplitude over the noise.
+    """
+
+    evidence: float
+    mean: np.ndarray
+    covariance: np.ndarray
+    length: float
+    left: float
+    root: np.ndarray
+    size: float
+
+
+def _of_the_rest(found: _Posterior, responses: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Standard deviations at the knots without what the base model's own parameters can take up: of that the misfit
+    says nothing, so it would be as uncertain as the prior has it, and hide how well all else is known.
+    """
+    z = responses @ found.root
+    inner = z.T @ z + np.eye(z.shape[1]) / found.size
+    inputs = found.root @ np.linalg.solve(
+        inner, z.T @ own
+    )  # that do what the parameters do, as well as smooth ones can
+    left, values, _ = np.linalg.svd(inputs / np.maximum(np.linalg.norm(inputs, axis=0), 1e-300), full_matrices=False)
+    taken = left[:, values > _ALIKE * values.max(initial=0.0)]
+    rest = found.covariance - taken @ (taken.T @ found.covariance)
+    rest = rest - (rest @ taken) @ taken.T
+    return np.sqrt(np.maximum(np.diag(rest), 0.0))
+
+
 def _marginal(
     g: np.ndarray, target: np.ndarray, times: Sequence[np.ndarray], length: float, noise: float
-) -> tuple[float, np.ndarray, np.ndarray, float, float]:
-    """(evidence, posterior mean, std, length, sum of squares left) at the best amplitude for one correlation length."""
+) -> _Posterior:
+    """The posterior at the best amplitude for one correlation length."""
     roots = []
     for t in times:
         d = np.sqrt(3.0) * np.abs(t[:, None] - t[None]) / length  # Matern 3/2
@@ -229,7 +271,7 @@ def _marginal(
     weights = vectors @ (shrink * along)
     covariance = (root @ vectors) * shrink @ (root @ vectors).T * noise
     left = float(np.sum((target - z @ weights) ** 2))
-    return evidence, root @ weights, np.sqrt(np.maximum(np.diag(covariance), 0.0)), length, left
+    return _Posterior(evidence, root @ weights, covariance, length, left, root, size / noise)
 
 
 def depends(

@@ -77,8 +77,11 @@ def rivals(outcome: Outcome, split: Split, *, only_equivalents: bool = False) ->
             return {"base model": chosen}
         name = max(hints, key=lambda r: r.delta_bic).name
         return {"base model": chosen, name: added(chosen, name, split)}
-    for name in chosen.names:
-        others = [o for o in outcome.equivalents.get(name, ()) if o not in chosen.names]
+    instead = {n: [o for o in outcome.equivalents.get(n, ()) if o not in chosen.names] for n in chosen.names}
+    if sum(map(bool, instead.values())) > 1:
+        return _for_several(chosen, instead, split)
+    for name, equivalent in sorted(instead.items(), key=lambda item: not item[1]):
+        others = equivalent
         if not others and outcome.nameless:  # beside a single name
             return {name: chosen} | dict(list(outcome.nameless.items())[:_MOST])
         if not others and not only_equivalents:
@@ -87,6 +90,16 @@ def rivals(outcome: Outcome, split: Split, *, only_equivalents: bool = False) ->
             laws = [swapped(chosen, name, o, split) for o in others[:_MOST]]
             return {name: chosen} | _merged(laws)
     return {" + ".join(chosen.names): chosen}
+
+
+def _for_several(chosen: State, instead: Mapping[str, Sequence[str]], split: Split) -> dict[str, State]:
+    """Where several names have equivalents: the first of each, by what it stands for from the second on."""
+    out: dict[str, State] = {}
+    for name, others in [(n, o) for n, o in instead.items() if o][:_MOST]:
+        label = f"{others[0]} (for {name})" if out else others[0]
+        out = out or {name: chosen}
+        out[label] = swapped(chosen, name, others[0], split)[others[0]]
+    return out
 
 
 def _best_named(outcome: Outcome) -> str | None:

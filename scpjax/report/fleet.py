@@ -18,7 +18,7 @@ from scpjax.diagnose.fleet import TABLE, Member, Outlier, Spread, effects, not_c
 from scpjax.fit.result import Estimate
 from scpjax.recordings.files import write_text
 from scpjax.report import bars, page, plot
-from scpjax.report.numbers import column, number, percent, unit
+from scpjax.report.numbers import column, interval, number, percent, unit
 from scpjax.report.pieces import (
     heading,
     notes_of_all,
@@ -85,7 +85,8 @@ _EFFECTS = (
 )
 _SPREAD = (
     "Scatter: what is left of the spread between actuators when the errors of the estimates are taken out, as a share "
-    "of the median. p: of values this far apart or farther if all actuators were the same (Cochran's Q)."
+    "of the median. Mean: of the fleet that these are a sample of, each weighed by its error and the scatter; where "
+    "nothing scatters, what all share. p: of values this far apart or farther if all were the same (Cochran's Q)."
 )
 _BY_FORM = "* By its law as the catalogue has it far less likely; not told apart only if its law has a different form."
 _VALUES = "Each actuator's value with its 95 % interval; the dashed line is the median."
@@ -167,9 +168,10 @@ def _spread_table(found: Sequence[Spread]) -> str:
         error = s.std[np.isfinite(s.std)]
         typical = number(float(np.median(error)), 2) if error.size else "–"
         scatter = percent(s.relative) if s.relative < 1e3 else "–"
-        rows.append((s.key, unit(s.unit), str(len(s.values)), number(s.median), *ends, typical, scatter, _p(s)))
-    head = ("Parameter", "Unit", "In", "Median", "Least", "Greatest", "Typical error", "Scatter", "p")
-    return page.table(head, rows, (2, 3, 4, 5, 6, 7, 8))
+        shared = f"{number(s.mean[0])} ({interval(*s.mean[1:])})" if np.isfinite(s.mean[0]) else "–"
+        rows.append((s.key, unit(s.unit), str(len(s.values)), number(s.median), *ends, typical, shared, scatter, _p(s)))
+    head = ("Parameter", "Unit", "In", "Median", "Least", "Greatest", "Typical error", "Mean (95 %)", "Scatter", "p")
+    return page.table(head, rows, (2, 3, 4, 5, 6, 7, 8, 9))
 
 
 def _stated_for(found: Sequence[Spread]) -> str:
@@ -231,6 +233,7 @@ def _json(members: Sequence[Member], found: Sequence[Spread], odd: Sequence[Outl
             s.key: {
                 "unit": s.unit,
                 "median": s.median,
+                "mean": dict(zip(("value", "low", "high"), s.mean, strict=True)),
                 "n": len(s.values),
                 "scatter": s.relative,
                 "p": s.differs,

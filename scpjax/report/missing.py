@@ -113,8 +113,9 @@ def section(d: Diagnosis, shapes: dict[str, bytes]) -> str:
     ]
     head = ("Where", "Balance", "Share of the misfit that it can answer for", "Evidence (nats)", "Varies over")
     caption = (
-        "Estimate with its 95 % band over time, and against the variable that explains most of it. "
-        "A latent force model: a Gaussian process as an input of the base model."
+        "Estimate with its 95 % band over time, and against the variable that explains most of it. The band is of what "
+        "no other values of the base model's own parameters would take up. A latent force model: a Gaussian process as "
+        "an input of the base model."
     )
     return page.section(
         "What is missing, before it is named",

@@ -62,6 +62,27 @@ def test_cochran_tells_scatter_from_error():
     (s,) = spreads(wide)
     assert s.differs < 1e-6
     assert s.relative == pytest.approx(np.std(np.log([80, 90, 100, 110, 125]), ddof=1), rel=0.02)
+    x = np.log([80, 90, 100, 110, 125])  # errors that are nothing beside the scatter: the mean of five, by Student
+    reach = stats.t.ppf(0.975, 4) * np.std(x, ddof=1) / np.sqrt(5)
+    assert s.mean == pytest.approx(np.exp([x.mean(), x.mean() - reach, x.mean() + reach]), rel=1e-3)
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.02, 0.1])
+def test_the_mean_of_a_fleet_is_in_its_interval_as_often_as_that_says(scatter):
+    """300 fleets of six actuators with stiffnesses about 100 N/m; some known three times as well as others."""
+    rng = np.random.default_rng(7)
+    errors = np.array([0.01, 0.01, 0.02, 0.02, 0.03, 0.03])
+    inside, wide = 0, []
+    for _ in range(300):
+        at = 100.0 * np.exp(scatter * rng.standard_normal(6) + errors * rng.standard_normal(6))
+        (s,) = spreads([member(str(i), v, std=v * e) for i, (v, e) in enumerate(zip(at, errors, strict=True))])
+        value, low, high = s.mean
+        assert low < value < high
+        inside += low <= 100.0 <= high
+        wide.append(np.log(high / low) / 2)
+    assert 0.92 <= inside / 300 <= (1.0 if scatter == 0.0 else 0.985)
+    best = np.sqrt(1 / np.sum(1 / (errors**2 + scatter**2)))  # of the mean, were the scatter known
+    assert 1.5 < np.median(wide) / best < 4.0
 
 
 def test_an_estimate_at_its_limit_has_no_error():
@@ -70,6 +91,7 @@ def test_an_estimate_at_its_limit_has_no_error():
     (s,) = spreads([a, b])
     assert s.differs == 1.0
     assert np.isinf(s.std[1])
+    assert np.isnan(s.mean).all()  # of one value
 
 
 def test_what_is_not_like_the_others_is_told():

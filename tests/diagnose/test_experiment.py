@@ -3,10 +3,12 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from scpjax.diagnose import rivals as module
 from scpjax.diagnose.experiment import propose
 from scpjax.diagnose.heat import allowed
 from scpjax.diagnose.profiles import Limits, frame
@@ -16,6 +18,7 @@ from scpjax.diagnose.separation import Scene, noise_weights, rival, separate, sl
 from scpjax.errors import FitError
 from scpjax.fit.fit import final_model
 from scpjax.recordings import read_recording
+from scpjax.report.experiment import name_of
 
 sys.path.insert(0, str(Path(__file__).parent))
 import creeping
@@ -175,6 +178,25 @@ def test_who_is_a_rival(known):
     closure = rivals(Outcome(base, node, creep, ranking, {}), parts)  # any state may stand for the closure here
     assert list(closure) == ["closure", "two_node_thermal"]
     assert list(rivals(Outcome(base, base, None, (Ranked("creep", 3.0, 0.0, 0.1),), {}), parts)) == ["base model"]
+
+
+def test_of_several_names_each_has_its_rival(monkeypatch):
+    """The first equivalent of each, of two at most; of one alone as ever, wherever among the names it stands."""
+    swaps: list[tuple[str, str]] = []
+
+    def swap(state, out, name, split):
+        swaps.append((out, name))
+        return {name: (out, name), f"{name} (other law)": None}
+
+    monkeypatch.setattr(module, "swapped", swap)
+    chosen = SimpleNamespace(names=("a", "b", "c"))
+    several = {"a": ("x", "y"), "b": (), "c": ("x", "a"), "d": ("y",)}
+    told = lambda equivalents: rivals(Outcome(None, chosen, None, (), equivalents), None)  # type: ignore[arg-type]  # noqa: E731
+    assert told(several) == {"a": chosen, "x": ("a", "x"), "x (for c)": ("c", "x")}
+    assert swaps == [("a", "x"), ("c", "x")]
+    monkeypatch.setattr(module, "_merged", lambda found: dict(next(iter(each.items())) for each in found))
+    assert told({"c": ("x", "y")}) == {"c": chosen, "x": ("c", "x"), "y": ("c", "y")}
+    assert name_of("creep (for hysteresis)") == "Creep (for hysteresis)"
 
 
 def test_limits_that_leave_nothing_are_named(known):

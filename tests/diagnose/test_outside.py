@@ -46,7 +46,9 @@ def test_a_draught_is_found_in_the_heat_balance_when_it_blew():
     off = mean - truth
     off = off - taken @ np.linalg.lstsq(taken, off, rcond=None)[0]
     assert np.sqrt(np.mean(off**2)) < 0.25 * np.sqrt(np.mean(truth**2))
+    assert np.mean(np.abs(off) <= 1.96 * std) > 0.85
     assert np.all(std > 0)
+    assert np.median(1.96 * std) < 0.25 * np.sqrt(np.mean(truth**2))  # the band is none that holds everything
 
 
 OPEN = tuple((start, start + 2.5) for start in (17.0, 39.0, 64.0, 80.0, 103.0))  # [s]
