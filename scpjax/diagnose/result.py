@@ -117,8 +117,8 @@ class Ranked:
 
 @dataclass(frozen=True)
 class Latent:
-    """What is missing in one balance: ``mean`` with standard deviation ``std`` at ``time`` [s] of each recording, of what
-    the base model's own parameters cannot take up: the misfit says nothing of the rest.
+    """What is missing in one balance: ``mean`` with standard deviation ``std`` at ``time`` [s] of each recording, of
+    what the base model's own parameters cannot take up: the misfit says nothing of the rest.
 
     ``evidence`` is the gain of the log marginal likelihood over nothing missing, in nats; ``explained`` the share of
     the sum of squares that it takes away; ``depends_on`` how much of it a smooth function of each variable explains.
