@@ -227,11 +227,10 @@ def _settled(parts: Split, base: State, choice: Choice, rules: Evidence) -> tupl
         return parts, base, choice
     trial, _, _ = refine(base.setup, timed.train, base.trial)
     base = state_at(base.setup, timed, trial)
-    if len(state.names) > 1:
-        pruned = prune(state, timed, rules)
-        if pruned.names != state.names:
-            return timed, base, choice.with_only(pruned)
-    return timed, base, replace(choice, state=state)
+    pruned = prune(state, timed, rules)
+    if not pruned.names:
+        return timed, base, Choice(base, choice.ranking, {}, {})
+    return timed, base, choice.with_only(pruned) if pruned.names != state.names else replace(choice, state=state)
 
 
 def _timed(state: State, parts: Split, base: State) -> tuple[State, Split]:

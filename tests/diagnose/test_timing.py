@@ -1,9 +1,14 @@
 """Jumps of the drive inside gaps are timed anew once something is named: the base model timed them by what it lacks."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from scpjax.diagnose import naming
+from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.diagnose import diagnose
+from scpjax.diagnose.evidence import Evidence
 from scpjax.fit.gaps import find_gaps
 from scpjax.fit.setup import prepare
 from scpjax.physics.presets import te
@@ -42,3 +47,19 @@ def test_jumps_are_timed_anew_by_what_is_named():
     first, *others = (r.delta_bic for r in found.ranking)
     assert first > 100 * max(others)  # by the base model's times it was four times as much as of the next
     assert any("the drive changed in gaps at other times" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("stays", [False, True])
+def test_a_single_name_that_only_made_up_for_a_time_goes(monkeypatch, stays):
+    """As an excursion of the room did, in a recording that lacked nothing, for a jump that had been timed too late."""
+    state, bare, after = (SimpleNamespace(names=names) for names in (("ambient_drift",), (), ()))
+    timed, parts = SimpleNamespace(train=None), SimpleNamespace()
+    base = SimpleNamespace(setup=None, trial=None)
+    monkeypatch.setattr(naming, "_timed", lambda *_: (state, timed))
+    monkeypatch.setattr(naming, "refine", lambda *_: (None, None, None))
+    monkeypatch.setattr(naming, "state_at", lambda *_: after)
+    monkeypatch.setattr(naming, "prune", lambda *_: state if stays else bare)
+    before = Choice(state, (), {"ambient_drift": 0.9}, {"ambient_drift": ()})
+    found = naming._settled(parts, base, before, Evidence())  # type: ignore[arg-type]
+    assert found[:2] == (timed, after)
+    assert found[2] == (before if stays else Choice(after, (), {}, {}))  # type: ignore[arg-type]
