@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from scpjax.abreast import meanwhile
 from scpjax.diagnose.answer import answer
@@ -27,6 +28,7 @@ from scpjax.diagnose.remainder import AT_NOISE, level, no_scale, swings_within_b
 from scpjax.diagnose.result import Diagnosis, Latent
 from scpjax.diagnose.rhythm import Rhythm, rhythms, ripple
 from scpjax.diagnose.rivals import Outcome, next_experiment
+from scpjax.diagnose.rows import drive_until_then
 from scpjax.diagnose.screen import ready
 from scpjax.diagnose.swing import Swing, swinging
 from scpjax.errors import FitError
@@ -80,9 +82,10 @@ def diagnose(
     patience = Patience(options.patience)
     tell = progress or (lambda text, fraction: None)
     tell("reading the recordings for a start", 0.0)
-    setup = prepare(
-        recordings, model=model, fixed=fixed, bin=options.bin, order=options.order, substeps=options.substeps
+    prepared = partial(
+        prepare, model=model, fixed=fixed, bin=options.bin, order=options.order, substeps=options.substeps
     )
+    setup = prepared(recordings)
     if options.next is not None:
         check_limits(options.next, setup)
     there = what_there_is(setup.structure, setup.recordings)
@@ -93,6 +96,7 @@ def diagnose(
     rules, steps = options.evidence, options.max_steps
     found = find_names(base, parts, catalogue, rules, max_steps=steps, patience=patience, progress=tell)
     parts, base = found.parts, found.base
+    notes += drive_until_then(base, parts, recordings, lambda others: _base(prepared(others))[:2])
     binned = observe(setup, parts.whole, base.trial, base.residual)
     misfit = Misfit(setup, parts.whole, base.trial, binned)
     lacking = missing(misfit)

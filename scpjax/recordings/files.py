@@ -39,13 +39,14 @@ def read_recording(
 ) -> Recording:
     """Read one recording.
 
-    ``model`` goes before that of the TOML: of ``tm`` the drive is a temperature. ``drive`` and ``response`` name
-    columns (comma separated, or a list) and go before ``[roles]`` of the TOML, which goes before the column
-    names. Where the TOML does not say how the input runs between
-    samples, it is as ``hold`` says; without that a temperature that drives runs linearly and everything else
-    is held (zero order). With ``require_outputs=False`` a file of inputs alone will do: responses that
-    ``[roles]`` names may be missing from it, and cells of one that hold no reading count as empty, unless all
-    do. Raises ``RecordingError``, one line with file, place, problem and mend.
+    ``model`` goes before that of the TOML: of ``tm`` the drive is a temperature. ``drive`` and ``response``
+    name columns (comma separated, or a list) and go before ``[roles]`` of the TOML, which goes before the
+    column names. Where the TOML does not say how the input runs between samples, it is as ``hold`` says;
+    without that a temperature that drives runs linearly and everything else is held (zero order). Where the
+    TOML says ``next``, a row's drive is taken a row earlier, and held. With ``require_outputs=False`` a file
+    of inputs alone will do: responses that ``[roles]`` names may be missing from it, and cells of one that
+    hold no reading count as empty, unless all do. Raises ``RecordingError``, one line with file, place,
+    problem and mend.
     """
     path = Path(path)
     table = read_table(path)
@@ -79,6 +80,8 @@ def read_recording(
         _check_plausible(table, channel, columns[name])
     warm = all(is_temperature(channels[name].stem) for name in roles.drive)
     hold = sidecar.hold or hold or ("linear" if warm else "zero_order")
+    if sidecar.next:  # each row tells what was applied until then
+        columns |= {name: np.append(columns[name][1:], columns[name][-1]) for name in roles.drive}
     return Recording.from_arrays(
         time,
         {name: columns[name] for name in roles.drive},

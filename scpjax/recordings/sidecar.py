@@ -26,6 +26,10 @@ KEYS: dict[str, tuple[str, ...]] = {
 }
 """Sections and keys. ``[actuator]`` takes any number: the names of the parameters that are known."""
 
+NEXT = "next"
+"""How the drive runs between rows where each tells what was applied until its time, as of a logger that reads after it
+has driven: that of the next row."""
+
 _POSITIVE = ("resistance", "mass", "radius", "supply", "length", "diameter", "capacity")
 _QUIET = {unit.suffix: unit for unit in UNITS if unit.suffix not in ("K", "pwm", "pct") and unit.offset == 0.0}
 _SI = {"g": "kg", "mm": "m", "cm": "m", "mV": "V", "mA": "A", "mW": "W", "mN": "N", "ms": "s"}
@@ -33,11 +37,14 @@ _SI = {"g": "kg", "mm": "m", "cm": "m", "mV": "V", "mA": "A", "mW": "W", "mN": "
 
 @dataclass(frozen=True)
 class Sidecar:
-    """What the TOML says: roles and hold (None where it does not say), and the rest."""
+    """What the TOML says: roles and hold (None where it does not say), and the rest; ``next``: whether between rows the
+    drive is that of the next one.
+    """
 
     drive: tuple[str, ...] | None = None
     response: tuple[str, ...] | None = None
     hold: Hold | None = None
+    next: bool = False
     metadata: Metadata = field(default_factory=Metadata)
 
 
@@ -76,11 +83,12 @@ def read_sidecar(path: str | Path, *, name: str = "", csv_path: str = "") -> Sid
         pulley_mass_kg=checker.number("pulley", "mass_kg", pulley.get("mass_kg")),
         supply_V=actuator.get("supply_V"),
     )
-    hold = checker.choice("hold", recording.get("hold"), get_args(Hold))
+    hold = checker.choice("hold", recording.get("hold"), (*get_args(Hold), NEXT))
     return Sidecar(
         drive=checker.role("drive", roles),
         response=checker.role("response", roles),
-        hold=cast("Hold | None", hold),
+        hold=cast("Hold | None", "zero_order" if hold == NEXT else hold),
+        next=hold == NEXT,
         metadata=metadata,
     )
 
