@@ -126,7 +126,8 @@ class Run:
             sealed, truth = self.sealed[case.name], self.truth(case.name)
             answer = self.store.read(case.name, "scpjax", sealed)
             if answer is not None:
-                found.append(replace(score(truth, answer), commit=answer["commit"], first=answer.get("first", False)))
+                noted = {"commit": answer["commit"], "first": answer.get("first", False), "sealed": sealed}
+                found.append(replace(score(truth, answer), **noted))
             for method, errors in others.items():
                 answer = self.store.read(case.name, method, sealed)
                 if answer is not None:

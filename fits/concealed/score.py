@@ -55,6 +55,7 @@ class Score:
     error: str = ""
     commit: str = ""  # of the package, that gave the answer
     first: bool = False  # the engine had not been run on it when it was asked
+    sealed: str = ""  # sha256 of its truth.json, by which that was sealed
 
     def plain(self) -> dict[str, Any]:
         """For JSON: what is no number is null, what is infinite a word."""
