@@ -96,7 +96,7 @@ def diagnose(
     rules, steps = options.evidence, options.max_steps
     found = find_names(base, parts, catalogue, rules, max_steps=steps, patience=patience, progress=tell)
     parts, base = found.parts, found.base
-    notes += drive_until_then(base, parts, recordings, lambda others: _base(prepared(others))[:2])
+    notes += drive_until_then(base, parts, recordings, lambda others: _base(prepared(others))[:2], patience)
     binned = observe(setup, parts.whole, base.trial, base.residual)
     misfit = Misfit(setup, parts.whole, base.trial, binned)
     lacking = missing(misfit)

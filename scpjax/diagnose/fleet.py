@@ -229,7 +229,8 @@ def _spread(
         wider = max(float(weight @ (x - mean) ** 2) / free, 1.0)
         reach = float(stats.t.ppf(0.975, free)) * np.sqrt(wider / weight.sum())
         of_scale = np.exp if logarithmic else float
-        ends_of_mean = (float(of_scale(mean)), float(of_scale(mean - reach)), float(of_scale(mean + reach)))
+        with np.errstate(over="ignore"):  # of two that are hardly known it may reach to infinity
+            ends_of_mean = (float(of_scale(mean)), float(of_scale(mean - reach)), float(of_scale(mean + reach)))
     middle = abs(float(np.median(values)))
     relative = beyond if logarithmic else beyond / middle if middle > 0 else float("inf") if beyond else 0.0
     return Spread(

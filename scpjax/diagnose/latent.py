@@ -232,9 +232,8 @@ def _of_the_rest(found: _Posterior, responses: np.ndarray, own: np.ndarray) -> n
     """
     z = responses @ found.root
     inner = z.T @ z + np.eye(z.shape[1]) / found.size
-    inputs = found.root @ np.linalg.solve(
-        inner, z.T @ own
-    )  # that do what the parameters do, as well as smooth ones can
+    inputs = found.root @ np.linalg.solve(inner, z.T @ own)  # that do what the parameters do, as far as smooth ones can
+    inputs = inputs[:, np.all(np.isfinite(inputs), axis=0)]
     left, values, _ = np.linalg.svd(inputs / np.maximum(np.linalg.norm(inputs, axis=0), 1e-300), full_matrices=False)
     taken = left[:, values > _ALIKE * values.max(initial=0.0)]
     rest = found.covariance - taken @ (taken.T @ found.covariance)

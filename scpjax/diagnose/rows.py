@@ -8,6 +8,7 @@ import numpy as np
 
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
+from scpjax.diagnose.patience import ENDLESS, Patience
 from scpjax.diagnose.remainder import AT_NOISE, level
 from scpjax.recordings.plausible import LOOK
 from scpjax.recordings.recording import Recording
@@ -21,13 +22,19 @@ _TOLD = LOOK + (
 
 
 def drive_until_then(
-    base: State, parts: Split, recordings: Sequence[Recording], fitted: Callable[[list[Recording]], tuple[Split, State]]
+    base: State,
+    parts: Split,
+    recordings: Sequence[Recording],
+    fitted: Callable[[list[Recording]], tuple[Split, State]],
+    patience: Patience = ENDLESS,
 ) -> tuple[str, ...]:
     """A note where the base model misses the recordings, and does not if their drive is taken a row earlier; ``fitted``
-    gives the base model's fit to others, and their parts.
+    gives the base model's fit to others, and their parts. Late by ``patience`` it is not asked.
     """
     held = all(r.hold == "zero_order" for r in recordings)
     if base.setup.structure.system or not held or level(base, parts) <= AT_NOISE:
+        return ()
+    if patience.late("whether the drive stands a row too late"):
         return ()
     earlier = [r.with_inputs(np.concatenate([r.inputs[1:], r.inputs[-1:]])) for r in recordings]
     its, state = fitted(earlier)
