@@ -10,6 +10,7 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.patience import ENDLESS, Patience
 from scpjax.diagnose.remainder import AT_NOISE, level
+from scpjax.errors import FitError, RecordingError
 from scpjax.recordings.plausible import LOOK
 from scpjax.recordings.recording import Recording
 from scpjax.recordings.sidecar import NEXT
@@ -17,7 +18,7 @@ from scpjax.recordings.sidecar import NEXT
 _TOLD = LOOK + (
     "were the drive in each row that which was applied until its time, not from it on, the base model alone would miss "
     "by {left:.2f} times the noise in place of {now:.2f}: if what recorded it reads after it has driven, write "
-    'hold = "{next}" under [recording] in the .toml and diagnose again'
+    'hold = "{next}" under [recording] in the .toml beside it and diagnose again'
 )
 
 
@@ -37,6 +38,12 @@ def drive_until_then(
     if patience.late("whether the drive stands a row too late"):
         return ()
     earlier = [r.with_inputs(np.concatenate([r.inputs[1:], r.inputs[-1:]])) for r in recordings]
-    its, state = fitted(earlier)
+    try:
+        its, state = fitted(earlier)
+    except (
+        FitError,
+        RecordingError,
+    ):  # as where the drive changes after the first row only: then it would not change at all
+        return ()
     left = level(state, its)
     return () if left > AT_NOISE else (_TOLD.format(left=left, now=level(base, parts), next=NEXT),)

@@ -317,10 +317,10 @@ _TELL_APART = (
 
 
 def _shown_by(m: Named) -> str:
-    """What shows a mechanism and those that stand beside it, so far as the catalogue tells."""
+    """In what a mechanism and those that stand beside it show, so far as the catalogue tells."""
     known = catalogue()
     said = [(known[n].title, known[n].excited_by) for n in (m.name, *m.equivalents) if n in known]
-    return " ".join(f"{t} shows by {by}." for t, by in said if by)
+    return " ".join(f"What shows that {_quoted(t)}: {by}." for t, by in said if by)
 
 
 def _labels(d: Diagnosis) -> tuple[str, str]:

@@ -9,6 +9,7 @@ from scpjax.diagnose.diagnose import _base
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.rows import drive_until_then
+from scpjax.errors import RecordingError
 from scpjax.fit.setup import prepare
 from scpjax.physics.presets import te
 from scpjax.recordings.files import read_recording, write_recording
@@ -57,6 +58,16 @@ def test_what_does_not_hold_its_drive_is_not_asked():
     other = {c.column: c.unit.from_si(x) for c, x in zip(one.output_channels, one.outputs.T, strict=True)}
     mine = [Recording.from_arrays(one.time, {"voltage_V": one.inputs[:, 0]}, other, hold="linear")]
     assert drive_until_then(base, parts, mine, lambda _: pytest.fail("asked")) == ()
+
+
+def test_a_drive_that_changes_after_the_first_row_only_is_not_asked():
+    """A row earlier it would be constant, of which nothing can be fitted."""
+    (one,) = [recorded(late=False, dead=0.3)]
+    mine = [one.with_inputs(np.where(np.arange(900)[:, None] > 0, 2.0, 0.0))]
+    parts, base = fitted(mine)
+    with pytest.raises(RecordingError, match="never changes"):
+        fitted([one.with_inputs(np.full((900, 1), 2.0))])
+    assert drive_until_then(base, parts, mine, fitted) == ()
 
 
 def test_a_file_may_say_it(tmp_path):
