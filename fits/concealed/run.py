@@ -187,7 +187,9 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--way", choices=("library", "command"), default="library", help="default: %(default)s")
     parser.add_argument("--workers", metavar="N", type=int, default=1, help="processes (default: %(default)s)")
     parser.add_argument("--limit", metavar="S", type=float, default=1200, help="seconds for one answer (%(default)s)")
-    parser.add_argument("--no-baselines", action="store_true", help="scpjax only")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--no-baselines", action="store_true", help="scpjax only")
+    which.add_argument("--only-baselines", action="store_true", help="all but scpjax")
     parser.add_argument("--retry", action="store_true", help="ask again where the answer was an error")
     parser.add_argument(
         "--score-only", action="store_true", help="score what is there; without a selection all of it, of several runs"
@@ -225,7 +227,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     signal.signal(signal.SIGTERM, _stopped)
     given = parse(argv)
     cases = selected(given)
-    methods = ["scpjax"]
+    methods = [] if given.only_baselines else ["scpjax"]
     if not given.no_baselines:
         methods.append("narx")
         if sindy.installed():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -79,7 +80,7 @@ def contested(
         if (s.cost >= _CONTESTED * least and not s.cost == closest[name] < much) or patience.over():
             return s
         after = afresh(s, split, own=far)
-        return after if after.cost < s.cost else s
+        return after if after.cost < s.cost else replace(s, anew=after.anew)
 
     each = [(name, law, s) for name, laws in fitted.items() for law, s in laws.items()]
     found = abreast(lambda one: again(one[0], one[2]), each)

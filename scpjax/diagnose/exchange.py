@@ -20,13 +20,12 @@ from scpjax.diagnose.remainder import FAR, at_noise, leaves_much
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.screen import Promise, fresh, screen
-from scpjax.diagnose.trials import afresh, in_order, under_every_law, without
+from scpjax.diagnose.trials import HOPELESS, afresh, in_order, under_every_law, without
 from scpjax.fit.setup import Setup
 
 _BY_PROMISE, _BY_RANK = 2, 1  # tried in the place of a name
 _BY_PROMISE_FAR = 4  # where what is named ends away from the noise
 _PASSES = 2
-_HOPELESS = 4.0  # sum of squares, in units of that of what it should replace, from which it is not tried again
 _NEAR = 1.3**2  # mean square, in units of the noise's, up to which names are near it
 _PROMISE = 0.3  # of what the name promises beside the others, which one that is tried must promise at least
 
@@ -123,7 +122,7 @@ def _each_exchanged(
         beside = partial(_beside, bare, state=state, base=base, split=split, rules=rules, patience=patience)
         for other, beside_it in zip(tried, abreast(beside, tried), strict=True):
             after = beside_it
-            if after is None or after.cost > _HOPELESS * state.cost:
+            if after is None or after.cost > HOPELESS * state.cost:
                 hopeless.add((name, other))
                 continue
             same = other != name and alike(after, state)

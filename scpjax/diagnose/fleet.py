@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc, stdtrit
 
 from scpjax.diagnose.restated import POWERS
 from scpjax.diagnose.result import FREE
@@ -221,13 +221,13 @@ def _spread(
         x, weight = x[known], 1.0 / error[known] ** 2
         mean = float(weight @ x / weight.sum())
         q, free = float(weight @ (x - mean) ** 2), int(known.sum()) - 1
-        differs = float(stats.chi2.sf(q, free))
+        differs = float(chdtrc(free, q))
         c = weight.sum() - (weight**2).sum() / weight.sum()
         beyond = float(np.sqrt(max(q - free, 0.0) / c)) if c > 0 else 0.0
         weight = 1.0 / (error[known] ** 2 + beyond**2)
         mean = float(weight @ x / weight.sum())
         wider = max(float(weight @ (x - mean) ** 2) / free, 1.0)
-        reach = float(stats.t.ppf(0.975, free)) * np.sqrt(wider / weight.sum())
+        reach = float(stdtrit(free, 0.975)) * np.sqrt(wider / weight.sum())
         of_scale = np.exp if logarithmic else float
         with np.errstate(over="ignore"):  # of two that are hardly known it may reach to infinity
             ends_of_mean = (float(of_scale(mean)), float(of_scale(mean - reach)), float(of_scale(mean + reach)))

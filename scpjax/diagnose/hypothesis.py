@@ -27,6 +27,7 @@ class State:
     trial: Trial
     residual: np.ndarray  # (r, k, y) over training and held-out samples
     cost: float
+    anew: bool = False  # fitted from the base parameters that the data suggested at first, too
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -127,12 +128,13 @@ def starts_with(state: State, added: Mechanism, problem: Setup) -> list[Start]:
     which = next(i for i, m in enumerate(problem.structure.mechanisms) if m.name == added.name)
     out = []
     for law in laws_that_can_act(problem, added):
+        idle = {p.name for p in added.parameters if not p.fixed} - {p.name for p in added.free_parameters(law)}
         for start in added.starts:
             value, vector = now.copy(), laws.copy()
             for k, p in enumerate(added.parameters):
                 i = problem.structure.where[f"{added.name}.{p.name}"]
                 value[i] = problem.fixed[i] if p.fixed else start[k] * unit(problem, p)
-                if not p.fixed and p not in added.free_parameters(law):
+                if p.name in idle:
                     value[i] = null[i]
             vector[which] = law
             own = tuple(float(value[problem.structure.where[f"{added.name}.{p.name}"][0]]) for p in added.parameters)

@@ -12,7 +12,7 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, start_value, trial_at
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.remainder import at_noise, misfit
-from scpjax.diagnose.trials import afresh, at_rest
+from scpjax.diagnose.trials import HOPELESS, afresh, at_rest
 from scpjax.fit.setup import laws_that_can_act
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism
@@ -24,10 +24,11 @@ _NEAR = 2.0  # sum of squares, in units of what another law leaves, from which a
 
 def other_laws(state: State, name: str, split: Split, rules: Evidence, base: State, patience: Patience) -> State:
     """A mechanism just named, under its wider laws from where it stands: they start best from a narrower fit. And under
-    narrower ones, which may have lost against it only by where their fits began. What does not reach the noise by them
-    is fitted under every other law that comes near, unless out of ``patience``; nor, as nothing is fitted afresh, where
-    so much of the misfit of the ``base`` stays that another name is missing: beside that all are asked for their laws,
-    as they are in the end of several names that miss the noise, so that out of ``patience`` none is here.
+    narrower ones, which may have lost against it only by where their fits began: afresh, unless it has reached the
+    noise and they are hopeless beside it. What does not reach the noise by them is fitted under every other law that
+    comes near, unless out of ``patience``; nor, as nothing is fitted afresh, where so much of the misfit of the
+    ``base`` stays that another name is missing: beside that all are asked for their laws, as they are in the end of
+    several names that miss the noise, so that out of ``patience`` none is here.
     """
     if len(state.names) > 1 and not at_noise(state, split) and patience.over():
         return state
@@ -40,7 +41,8 @@ def other_laws(state: State, name: str, split: Split, rules: Evidence, base: Sta
 
     def again(law: int) -> State:
         after = _under(state, m, law, split, [p for p in m.free_parameters(law) if p not in free_now])
-        return after if several or law in wider else afresh(after, split)
+        behind = at_noise(state, split) and after.cost > HOPELESS * state.cost
+        return after if several or behind or law in wider else afresh(after, split)
 
     best = state
     for law, after in zip([*narrower, *wider], abreast(again, [*narrower, *wider]), strict=True):

@@ -14,7 +14,7 @@ from scpjax.diagnose.hypothesis import Start, State, from_their_starts, grown, m
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.remainder import FAR, at_noise
 from scpjax.diagnose.screen import Fresh, Promise
-from scpjax.diagnose.trials import FEW, NEARLY, TOLERANCE, go_on
+from scpjax.diagnose.trials import FEW, HOPELESS, NEARLY, TOLERANCE, go_on
 from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.setup import Setup
 from scpjax.fit.solve import binned_of, evaluate, make_room, solve_all, stack
@@ -176,9 +176,12 @@ class _Fits:
         coarse = max(TOLERANCE, _COARSE * state.cost)
         solved, cost, _ = solve_all(trials, split.train, problem.space, max_steps=FEW, tolerance=coarse)
         self.lead = max(self.lead, float(state.cost - np.min(cost)))
-        if np.min(cost) < _NOISE * np.sum(split.is_train) <= state.cost:  # what is behind can only be a rival
-            nearly = max(nearly, _RIVAL)
         same, more = _as_close_as_others(solved, cost, coarse, state.cost), self.max_steps - FEW
+        noise = np.sum(split.is_train)
+        if np.min(cost) < _NOISE * noise <= state.cost:  # what is behind can only be a rival
+            nearly = max(nearly, _RIVAL)
+        if np.min(cost) < FAR * noise <= state.cost:  # near it, one of them is enough under any law but the closest's
+            same |= _behind_under_their_laws(solved, cost)
         solved, cost = go_on(problem, split, solved, cost, same, state.cost, self.lead, more, nearly)
         solved, least = [*before, *solved], [*costs, *(float(c) for c in cost)]
         return _by_law(m, problem, split, solved, np.asarray(least), state), solved, least
@@ -197,6 +200,17 @@ def _as_close_as_others(solved: Sequence[Trial], cost: np.ndarray, coarse: float
         if not found[i]:
             there.append(cost[i])
     return found
+
+
+def _behind_under_their_laws(solved: Sequence[Trial], cost: np.ndarray) -> np.ndarray:
+    """Of the trials (trials,) by other laws than the closest one's: which are not the closest by theirs, or are
+    hopeless beside that one.
+    """
+    laws = [tuple(np.asarray(trial.laws)) for trial in solved]
+    order = np.argsort(cost, kind="stable")
+    first = {laws[i]: i for i in reversed(order)}
+    lead, worst = laws[order[0]], HOPELESS * cost[order[0]]
+    return np.array([mine != lead and (first[mine] != i or cost[i] > worst) for i, mine in enumerate(laws)])
 
 
 def _is(promise: Promise, begun: Fresh | None) -> bool:

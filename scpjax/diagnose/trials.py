@@ -17,6 +17,8 @@ from scpjax.fit.solve import solve_all
 SAME = 0.5  # RMS difference of predictions, in units of the noise, up to which they are the same
 _BY_STEPS = 0.25  # of what a closure changes, that may be due to the integrator's steps
 FEW, NEARLY = 12, 0.2  # steps of all; of the leader's gain after them, with less than which one is left there
+HOPELESS = 4.0
+"""Sum of squares, in units of that of what it should replace, from which a hypothesis is tried no further."""
 _LEADS = 0.95  # the same, in a hurry
 TOLERANCE = 0.02  # half the fall of the sum of squares in one step with which a trial has come to rest
 _ORDER = 1e-3  # RMS difference of predictions, in units of the noise, up to which the order of two names is none
@@ -63,18 +65,22 @@ def at_rest(setup: Setup, split: Split, trials: Sequence[Trial], *, max_steps: i
 
 def afresh(state: State, split: Split, *, own: bool = True) -> State:
     """A hypothesis come to rest, from where it stands and from the base parameters that the data suggested at first;
-    away from the noise also from where its mechanisms start (``own``).
+    away from the noise also from where its mechanisms start (``own``). As it is where it has come from there.
 
     Without the mechanism the base parameters were bent to imitate it, and a fit need not find the way back. Nor need
     that of a mechanism which was bent to imitate another, before that one was there.
     """
+    own = own and not at_noise(state, split)
+    if state.anew and not own:
+        return state
     setup = state.setup
     now, laws = state.values, np.asarray(state.trial.laws)
     keep = owned_by(setup, state.names, len(now))
     begun = [np.where(keep, now, start) for start in setup.starts[:3]]
-    if own and not at_noise(state, split):
+    if own:
         begun += from_their_starts(setup, laws)
-    return _leading_at_rest(setup, split, [state.trial, *(trial_at(setup, value, laws) for value in begun)])
+    found = _leading_at_rest(setup, split, [state.trial, *(trial_at(setup, value, laws) for value in begun)])
+    return replace(found, anew=True)
 
 
 def _leading_at_rest(setup: Setup, split: Split, trials: Sequence[Trial], nearly: float = NEARLY) -> State:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from scpjax.physics.structure import Structure
 from scpjax.recordings.plausible import doubts_of_ambient
@@ -106,4 +106,4 @@ def _common(begun: Sequence[tuple[float, float]]) -> float | None:
         return None
     values, std = (np.array(x) for x in zip(*begun, strict=True))
     mean = float(np.average(values, weights=std**-2.0))
-    return mean if np.sum(((values - mean) / std) ** 2) <= chi2.ppf(_ALIKE, max(len(values) - 1, 1)) else None
+    return mean if np.sum(((values - mean) / std) ** 2) <= chdtri(max(len(values) - 1, 1), 1.0 - _ALIKE) else None

@@ -105,7 +105,8 @@ class Mechanism(eqx.Module):
 
     def free_parameters(self, law: int) -> tuple[Parameter, ...]:
         """What is estimated under a law (its index among ``laws``)."""
-        return tuple(p for p in self.parameters if not p.fixed and self.serves(p, law))
+        only = self.only_under  # not by `serves`: a call of a module's method takes longer than all else here
+        return tuple(p for p in self.parameters if not p.fixed and law in only.get(p.name, (law,)))
 
     def serves(self, p: Parameter, law: int) -> bool:
         """Whether a law has any use for a parameter, fixed or estimated."""

@@ -106,6 +106,29 @@ def test_runs_elsewhere_are_told_with_these(case, tmp_path, monkeypatch):
     assert next(s for s in again if s.name == "elsewhere").plain() == elsewhere[0].plain()
 
 
+def test_baselines_alone_are_told_with_what_was_named_elsewhere(case, tmp_path, monkeypatch):
+    """They take hours of their own, and no change of the package asks for them again."""
+    out, chosen = case
+    shutil.copytree(out / "cases", tmp_path / "cases")
+    monkeypatch.setattr(program, "generate", lambda *args, **others: None)
+    monkeypatch.setattr(program.sindy, "installed", lambda: True)
+    asked = []
+
+    def answer(self, job):
+        asked.append(job["do"])
+        return {"kept": {}}
+
+    monkeypatch.setattr(Worker, "ask", answer)
+    elsewhere = score(truth("slack", name=chosen.name), said("slack") | {"kept": {}})
+    (tmp_path / "left.json").write_text(json.dumps({"commit": "abc", "cases": [elsewhere.plain()]}))
+    where = ["--out", str(tmp_path), "--only-baselines", "--add", str(tmp_path / "left.json")]
+    program.main(["--only", chosen.name, *where])
+    assert sorted(asked) == ["narx", "pysindy"]
+    found = json.loads((tmp_path / "results.json").read_text())
+    assert [(c["name"], c["outcome"]) for c in found["cases"]] == [(chosen.name, "right")]
+    assert found["baselines"] == {"narx": {chosen.name: None}, "pysindy": {chosen.name: None}}
+
+
 def test_answers_belong_to_a_truth(tmp_path):
     store = Store(tmp_path)
     store.write("a", "scpjax", "hash", {"error": "none came"})
