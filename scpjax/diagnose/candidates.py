@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -80,7 +79,7 @@ def contested(
         if (s.cost >= _CONTESTED * least and not s.cost == closest[name] < much) or patience.over():
             return s
         after = afresh(s, split, own=far)
-        return after if after.cost < s.cost else replace(s, anew=after.anew)
+        return after if after.cost <= s.cost else s
 
     each = [(name, law, s) for name, laws in fitted.items() for law, s in laws.items()]
     found = abreast(lambda one: again(one[0], one[2]), each)

@@ -50,7 +50,7 @@ def test_where_another_name_is_missing_laws_are_not_asked_for_at_length(monkeypa
     setup = SimpleNamespace(structure=SimpleNamespace(mechanism=lambda _: m))
 
     def fit(law, misfit, names=("m",)):
-        return SimpleNamespace(setup=setup, names=names, laws={"m": m.laws[law]}, misfit=np.array(misfit))
+        return SimpleNamespace(setup=setup, names=names, laws={"m": m.laws[law]}, misfit=np.array(misfit), cost=1.0)
 
     asked: list[str] = []
     monkeypatch.setattr(laws, "laws_that_can_act", lambda *_: range(3))
@@ -68,3 +68,24 @@ def test_where_another_name_is_missing_laws_are_not_asked_for_at_length(monkeypa
     beside = fit(1, left, names=("a", "m"))  # out of patience it is left for all names together, but at the noise
     laws.other_laws(beside, "m", None, Evidence(), fit(1, (1001.0, 1001.0)), Patience(0.0))  # type: ignore[arg-type]
     assert bool(asked) == (max(left) == 1.0)
+
+
+@pytest.mark.parametrize(("behind", "afresh"), [(3.9, True), (4.1, False)])
+@pytest.mark.parametrize("noise", [True, False])
+def test_at_the_noise_a_narrower_law_that_is_hopeless_is_not_fitted_afresh(monkeypatch, behind, afresh, noise):
+    m = SimpleNamespace(laws=("narrow", "now"), free_parameters=lambda law: ("J", "tau")[: 1 + law])
+    setup = SimpleNamespace(structure=SimpleNamespace(mechanism=lambda _: m))
+
+    def fit(law, cost):
+        return SimpleNamespace(setup=setup, names=("m",), laws={"m": m.laws[law]}, cost=cost)
+
+    asked: list[float] = []
+    monkeypatch.setattr(laws, "laws_that_can_act", lambda *_: range(2))
+    monkeypatch.setattr(laws, "_is_one_of_several", lambda *_: False)
+    monkeypatch.setattr(laws, "_under", lambda state, _m, law, *_: fit(law, behind * state.cost))
+    monkeypatch.setattr(laws, "afresh", lambda state, *_: asked.append(state.cost) or state)
+    monkeypatch.setattr(laws, "_every_law", lambda state, *_: state)
+    monkeypatch.setattr(laws, "at_noise", lambda *_: noise)
+    monkeypatch.setattr(laws, "is_better", lambda *_: True)
+    laws.other_laws(fit(1, 100.0), "m", None, Evidence(), None, Patience())  # type: ignore[arg-type]
+    assert asked == ([100.0 * behind] if afresh or not noise else [])

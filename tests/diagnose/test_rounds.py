@@ -168,18 +168,34 @@ def test_of_trials_that_came_to_the_same_place_one_goes_on():
     assert found.tolist() == [True, False, False, False, True, False, False, False, False]
 
 
-@pytest.mark.parametrize(("least", "nearly"), [(500.0, promising.NEARLY), (100.0, promising._RIVAL)])
-def test_once_one_has_reached_the_noise_only_rivals_of_it_go_on(monkeypatch, least, nearly):
+def test_near_the_noise_one_trial_by_each_other_law_goes_on_unless_it_is_hopeless():
+    laws = [1.0, 1.0, 0.0, 0.0, 2.0]
+    trials = [SimpleNamespace(laws=np.array([law, 0.0])) for law in laws]
+    found = promising._behind_under_their_laws(trials, np.array([100.0, 900.0, 399.0, 398.0, 401.0]))  # type: ignore[arg-type]
+    assert found.tolist() == [False, False, True, False, True]
+
+
+@pytest.mark.parametrize(
+    ("least", "nearly", "one_by_law"),
+    [
+        (500.0, promising.NEARLY, False),
+        (133.0, promising.NEARLY, False),
+        (131.0, promising.NEARLY, True),
+        (100.0, promising._RIVAL, True),
+    ],
+)
+def test_once_one_has_reached_the_noise_only_rivals_of_it_go_on(monkeypatch, least, nearly, one_by_law):
     state = SimpleNamespace(names=(), cost=1000.0)
     split = SimpleNamespace(is_train=np.ones(100, bool), train=None)
     told = []
-    monkeypatch.setattr(promising, "solve_all", lambda trials, *_, **__: ([], np.array([least, 700.0]), None))
-    monkeypatch.setattr(promising, "_as_close_as_others", lambda *_: None)
-    monkeypatch.setattr(promising, "go_on", lambda *args: (told.append(args[-1]), ([], args[3]))[1])
+    trials = [SimpleNamespace(laws=np.array([law])) for law in (0.0, 1.0)]
+    monkeypatch.setattr(promising, "solve_all", lambda *_, **__: (trials, np.array([least, 700.0]), None))
+    monkeypatch.setattr(promising, "_as_close_as_others", lambda *_: np.array([False, False]))
+    monkeypatch.setattr(promising, "go_on", lambda *args: (told.append((args[-1], *args[4])), ([], args[3]))[1])
     monkeypatch.setattr(promising, "_by_law", lambda *_: {})
     fits = promising._Fits(state, split, None, 40, print)  # type: ignore[arg-type]
     fits._closest(None, SimpleNamespace(space=None), [None], promising.NEARLY)  # type: ignore[arg-type,list-item]
-    assert told == [nearly]
+    assert told == [(nearly, False, one_by_law)]  # the second is five times as far
 
 
 def test_what_contended_with_the_first_name_is_fitted_beside_it_whatever_it_promises(monkeypatch):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from creeping import slow
 
-from scpjax.diagnose.hypothesis import grown, moving_parameters, trial_at, width
+from scpjax.diagnose import trials
+from scpjax.diagnose.hypothesis import State, grown, moving_parameters, trial_at, width
 from scpjax.diagnose.remainder import at_noise
 from scpjax.fit.setup import prepare
 from scpjax.physics.catalogue import mechanism
@@ -46,3 +47,24 @@ def test_white_noise_is_at_the_noise_however_few_samples(n):
     assert share(1.0) > 0.96
     assert share(1.25) < 0.01
     assert share(1.0, slow=0.55) < 0.1
+
+
+@pytest.mark.parametrize("noise", [True, False])
+def test_what_was_fitted_afresh_is_not_again_unless_its_mechanisms_have_starts_of_their_own(monkeypatch, noise):
+    problem = grown(prepare([slow()]), mechanism("creep"))
+    trial = trial_at(problem, np.asarray(problem.starts[0]), np.zeros(len(problem.structure.mechanisms)))
+    asked = []
+
+    def at_rest(setup, split, begun):
+        asked.append(len(begun))
+        return State(setup, begun[0], np.zeros(()), 1.0)
+
+    monkeypatch.setattr(trials, "_leading_at_rest", at_rest)
+    monkeypatch.setattr(trials, "at_noise", lambda *_: noise)
+    first = State(problem, trial, np.zeros(()), 2.0)
+    found = trials.afresh(first, None, own=False)  # type: ignore[arg-type]
+    assert found.anew
+    assert trials.afresh(found, None, own=False) is found  # type: ignore[arg-type]
+    assert (trials.afresh(found, None) is found) == noise  # type: ignore[arg-type]
+    few = 1 + len(problem.starts[:3])
+    assert asked == ([few] if noise else [few, few + 2])
