@@ -28,6 +28,7 @@ class Binned:
     displacement: np.ndarray | None
     velocity: np.ndarray | None
     own: dict[str, np.ndarray] = field(default_factory=dict)  # outputs of a base of the user's own, by stem
+    by_side: dict[str, np.ndarray] = field(default_factory=dict)  # temperature of each side of a joint
 
 
 def observe(setup: Setup, data: Data, trial: Trial, residual: np.ndarray) -> Binned:
@@ -51,11 +52,13 @@ def observe(setup: Setup, data: Data, trial: Trial, residual: np.ndarray) -> Bin
     time = (np.arange(k) + 0.5)[None] * data.bin * step
     there = np.isfinite(np.asarray(data.norm))
     s = setup.structure
-    warm = mean(outputs[..., 0] - np.asarray(data.ambient)[:, None]) if s.thermal else None
+    room = np.asarray(data.ambient)[:, None]
+    sides = {side: mean(outputs[..., i] - room) for i, side in enumerate(s.sides)} if s.thermal else {}
+    warm = sides[s.sides[0]] if sides else None
     moved = mean(outputs[..., -1]) if s.mechanical and there[..., -1].any() else None
     speed = None if moved is None else np.gradient(moved, axis=1) / (data.bin * step)
     own = {stem: mean(outputs[..., j]) for j, stem in enumerate(s.outputs)} if s.system else {}
-    return Binned(residual, there, time, drive, warm, moved, speed, own)
+    return Binned(residual, there, time, drive, warm, moved, speed, own, sides if len(sides) > 1 else {})
 
 
 def locate(setup: Setup, b: Binned, subsystem: str, lacking: Sequence[Latent] = ()) -> Location:

@@ -10,7 +10,7 @@ What repeats with the displacement does so in the same phase in all recordings.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -134,15 +134,22 @@ def _of(misfit: Misfit, place: str, subsystem: str) -> list[Rhythm]:
     """The best swing in a place, as it is and in proportion to the temperature, where that is enough."""
     drive = subsystem == "drive"  # what is lacking there is in proportion to the drive as it is
     sides = [name for name in misfit.places if _of_both(name) == place]
-    factors = {"": np.ones_like(misfit.binned.drive), "temperature": misfit.binned.temperature}
+    b, alike = misfit.binned, np.ones_like(misfit.binned.drive)
+    factors = {"": [alike for _ in sides]}
+    if b.temperature is not None and not drive:
+        factors["temperature"] = [_own(b.by_side, name, b.temperature) for name in sides]
     out = []
     for name, factor in factors.items():
-        if factor is None or (name and drive):
-            continue
-        best = _best(_Swing(misfit, sides, factor / np.abs(factor).max()))
+        best = _best(_Swing(misfit, dict(zip(sides, factor, strict=True))))
         if best[1] > _SHARE:
             out.append(Rhythm(subsystem, place, name, *best))
     return out
+
+
+def _own(by_side: Mapping[str, np.ndarray], place: str, otherwise: np.ndarray) -> np.ndarray:
+    """Temperature (r, k) of the side on which a place is, in units of its greatest."""
+    own = next((t for side, t in by_side.items() if f"_{side}" in place), otherwise)
+    return own / np.abs(own).max()
 
 
 def _best(swing: _Swing) -> tuple[float, float]:
@@ -164,9 +171,11 @@ def _best(swing: _Swing) -> tuple[float, float]:
 
 
 class _Swing:
-    """What swings of any period take away from the misfit, in some places at once, in proportion to a factor (r, k)."""
+    """What swings of any period take away from the misfit, in some places at once, in proportion to a factor (r, k) of
+    each.
+    """
 
-    def __init__(self, misfit: Misfit, places: Sequence[str], factor: np.ndarray):
+    def __init__(self, misfit: Misfit, places: Mapping[str, np.ndarray]):
         b = misfit.binned
         there = np.asarray(np.any(b.there, axis=2))
         self._misfit, self._recording = misfit, np.nonzero(b.there)[0]
@@ -175,8 +184,8 @@ class _Swing:
         gap = max(bins // _KNOTS, 1)
         knots = -(-bins // gap) + 1
         self._knots = [np.arange(knots) * gap * width for width in misfit.widths]
-        inputs = [hats(bins, gap, knots) * f[:, None] for f in factor]
-        self._response = np.concatenate([misfit.responses(place, inputs) for place in places], axis=1)
+        felt = [misfit.responses(p, [hats(bins, gap, knots) * f[:, None] for f in each]) for p, each in places.items()]
+        self._response = np.concatenate(felt, axis=1)
         self._sides = len(places)
         self.longest = float(self._spans.max())
         self.shortest = _PLACES * max(float(k[1]) for k in self._knots)  # s, that the knots resolve

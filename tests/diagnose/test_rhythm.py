@@ -25,8 +25,13 @@ from scpjax.diagnose.swing import swinging
 from scpjax.fit.fit import best_start, refine
 from scpjax.fit.identifiability import estimates, uncertainty
 from scpjax.fit.setup import prepare
-from scpjax.recordings.recording import Recording
+from scpjax.physics.catalogue import mechanism
+from scpjax.physics.known import known_model
+from scpjax.physics.mechanisms.learned_swing import Swings, law_of
+from scpjax.physics.model import Model
+from scpjax.recordings.recording import Metadata, Recording
 from scpjax.report.diagnosis import write_diagnosis
+from scpjax.simulate.simulate import simulate
 
 PERIOD = 11.7  # [s]
 
@@ -96,6 +101,33 @@ def test_where_no_thermometer_was_a_force_swings_rather_than_a_heat(monkeypatch,
     found = rhythms(SimpleNamespace(places={f"{measured} reading": None, **where}), lacking)  # type: ignore[arg-type]
     assert found[0].place == place
     assert {r.place for r in found} == set(where)
+
+
+def test_on_each_side_of_a_joint_a_loss_swings_with_its_own_temperature():
+    """One is hot while the other cools: in proportion to the temperature of one, it would hide on the other."""
+    period, time = 20.9, np.arange(0.0, 240.0, 0.1)
+    turns = np.random.default_rng(5).permutation(np.arange(16) % 4)[(time // 15.0).astype(int)]
+    volts = {f"voltage_{side}_V": 3.0 * (turns == i) for i, side in enumerate(("agonist", "antagonist"))}
+    plain = known_model("aaa")
+    structure = plain.structure.with_mechanisms(mechanism("learned_swing"))
+    laws = np.zeros(len(structure.mechanisms))
+    laws[-1] = law_of(Swings("heat", "temperature"), 1)
+    known = {f"learned_swing.{k}": v for k, v in {"period": period, "cos1": 0.05, "sin1": 0.05}.items()}
+    model = Model(structure, laws=laws, ambient=plain.ambient).replace(plain.values() | known)
+    drive = Recording.from_arrays(time, volts, {}, require_outputs=False)
+    pulley = Metadata(pulley_radius_m=plain.structure.pulley_radius, pulley_mass_kg=plain.structure.pulley_mass)
+    seen = np.asarray(simulate(model, drive).outputs)
+    names = ("temperature_agonist_degC", "temperature_antagonist_degC", "angle_deg")
+    seen = dict(zip(names, (seen - [273.15, 273.15, 0.0]).T * [[1.0], [1.0], [180.0 / np.pi]], strict=True))
+    rng = np.random.default_rng(6)
+    noisy = {n: x + 0.002 * np.ptp(x) * rng.standard_normal(len(x)) for n, x in seen.items()}
+    base, parts = base_of(Recording.from_arrays(time, volts, noisy, metadata=pulley))
+    binned = observe(base.setup, parts.whole, base.trial, base.residual)
+    found = found_in(Misfit(base.setup, parts.whole, base.trial, binned))
+    assert found is not None
+    assert (found.place, found.factor, found.subsystem) == ("heat", "temperature", "thermoelectric")
+    assert found.share > 0.9
+    np.testing.assert_allclose(found.period, period, rtol=0.01)
 
 
 def test_nothing_swings_where_a_state_has_it():
