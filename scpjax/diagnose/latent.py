@@ -165,7 +165,7 @@ def _estimate(misfit: Misfit, place: _Place) -> Latent | None:
     std = np.sqrt(np.maximum(np.diag(best.covariance), 0.0))
     edges = np.cumsum([0, *[len(t) for t in times]])
     parts = [(best.mean[a:b] * unit, std[a:b] * unit) for a, b in itertools.pairwise(edges)]
-    shares, leading = depends(binned, times, [m for m, _ in parts], [s for _, s in parts])
+    shares, leading = depends(binned.on(place.name), times, [m for m, _ in parts], [s for _, s in parts])
     band = unit * _of_the_rest(best, raw * unit, misfit.own)
     return Latent(
         place.subsystem,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,7 +28,14 @@ class Binned:
     displacement: np.ndarray | None
     velocity: np.ndarray | None
     own: dict[str, np.ndarray] = field(default_factory=dict)  # outputs of a base of the user's own, by stem
-    by_side: dict[str, np.ndarray] = field(default_factory=dict)  # temperature of each side of a joint
+    sides: dict[str, tuple[np.ndarray | None, np.ndarray]] = field(default_factory=dict)
+    """Of a joint: temperature and drive of each side. ``drive`` is that of the agonist beyond the antagonist's, which
+    moves it, and ``temperature`` the agonist's."""
+
+    def on(self, name: str) -> Binned:
+        """As it is for the side that a place or a column is of."""
+        own = next((own for side, own in self.sides.items() if f"_{side}" in name), None)
+        return self if own is None else replace(self, temperature=own[0], drive=own[1])
 
 
 def observe(setup: Setup, data: Data, trial: Trial, residual: np.ndarray) -> Binned:
@@ -46,19 +53,21 @@ def observe(setup: Setup, data: Data, trial: Trial, residual: np.ndarray) -> Bin
             np.add.at(count[i], bins[:n], 1)
         return out / np.maximum(count, 1)
 
-    effort = np.asarray(data.grids.effort)[:, :, 1, :].sum(axis=-1)
-    drive = effort.reshape(r, k, data.bin).mean(axis=2)
+    efforts = np.asarray(data.grids.effort)[:, :, 1, :]
+    drives = [efforts[..., i].reshape(r, k, data.bin).mean(axis=2) for i in range(efforts.shape[-1])]
     step = np.asarray(data.grids.step)[:, None]
     time = (np.arange(k) + 0.5)[None] * data.bin * step
     there = np.isfinite(np.asarray(data.norm))
     s = setup.structure
     room = np.asarray(data.ambient)[:, None]
-    sides = {side: mean(outputs[..., i] - room) for i, side in enumerate(s.sides)} if s.thermal else {}
-    warm = sides[s.sides[0]] if sides else None
+    warm = [mean(outputs[..., i] - room) if s.thermal else None for i in range(len(s.sides))]
     moved = mean(outputs[..., -1]) if s.mechanical and there[..., -1].any() else None
     speed = None if moved is None else np.gradient(moved, axis=1) / (data.bin * step)
     own = {stem: mean(outputs[..., j]) for j, stem in enumerate(s.outputs)} if s.system else {}
-    return Binned(residual, there, time, drive, warm, moved, speed, own, sides if len(sides) > 1 else {})
+    drive, sides = drives[0], {}
+    if len(drives) > 1:
+        drive, sides = drives[0] - drives[1], dict(zip(s.sides, zip(warm, drives, strict=True), strict=True))
+    return Binned(residual, there, time, drive, warm[0], moved, speed, own, sides)
 
 
 def locate(setup: Setup, b: Binned, subsystem: str, lacking: Sequence[Latent] = ()) -> Location:
@@ -75,15 +84,15 @@ def locate(setup: Setup, b: Binned, subsystem: str, lacking: Sequence[Latent] = 
         subsystem=subsystem,
         column=columns[worst],
         windows=_windows(setup, b, excess[..., worst], b.there[..., worst]),
-        regimes=_regimes(b, excess[..., worst], b.there[..., worst]),
-        depends_on=_dependence(b, worst, subsystem, lacking),
+        regimes=_regimes(b.on(columns[worst]), excess[..., worst], b.there[..., worst]),
+        depends_on=_dependence(b.on(columns[worst]), worst, subsystem, lacking),
         whiteness={
             columns[j]: whiteness(b.residual[..., j], b.there[..., j])
             for j in range(len(columns))
             if b.there[..., j].any()
         },
         input_independence={
-            columns[j]: independence(b.residual[..., j], b.drive, b.there[..., j])
+            columns[j]: independence(b.residual[..., j], b.on(columns[j]).drive, b.there[..., j])
             for j in range(len(columns))
             if b.there[..., j].any()
         },

@@ -137,7 +137,7 @@ def _of(misfit: Misfit, place: str, subsystem: str) -> list[Rhythm]:
     b, alike = misfit.binned, np.ones_like(misfit.binned.drive)
     factors = {"": [alike for _ in sides]}
     if b.temperature is not None and not drive:
-        factors["temperature"] = [_own(b.by_side, name, b.temperature) for name in sides]
+        factors["temperature"] = [_unit(t) for name in sides if (t := b.on(name).temperature) is not None]
     out = []
     for name, factor in factors.items():
         best = _best(_Swing(misfit, dict(zip(sides, factor, strict=True))))
@@ -146,10 +146,9 @@ def _of(misfit: Misfit, place: str, subsystem: str) -> list[Rhythm]:
     return out
 
 
-def _own(by_side: Mapping[str, np.ndarray], place: str, otherwise: np.ndarray) -> np.ndarray:
-    """Temperature (r, k) of the side on which a place is, in units of its greatest."""
-    own = next((t for side, t in by_side.items() if f"_{side}" in place), otherwise)
-    return own / np.abs(own).max()
+def _unit(x: np.ndarray) -> np.ndarray:
+    """In units of its greatest."""
+    return x / np.abs(x).max()
 
 
 def _best(swing: _Swing) -> tuple[float, float]:
@@ -218,11 +217,12 @@ class _Swing:
         return self._grams[own]
 
     def _repeats(self, i: int, period: float) -> float:
-        """Correlation of the drive of a recording with itself a period later."""
-        b = self._misfit.binned
+        """Correlation of the drive of a recording with itself a period later; of a joint that of the side with more."""
+        b, found = self._misfit.binned, [0.0]
         time = b.time[i] - b.time[i, 0]
         now = time[time <= self._spans[i] - period]
-        before, later = np.interp(now, time, b.drive[i]), np.interp(now + period, time, b.drive[i])
-        if np.ptp(before) == 0.0 or np.ptp(later) == 0.0:
-            return 0.0
-        return float(np.corrcoef(before, later)[0, 1])
+        for drive in [own[1] for own in b.sides.values()] or [b.drive]:
+            before, later = np.interp(now, time, drive[i]), np.interp(now + period, time, drive[i])
+            if np.ptp(before) > 0.0 and np.ptp(later) > 0.0:
+                found.append(float(np.corrcoef(before, later)[0, 1]))
+        return max(found)

@@ -128,6 +128,14 @@ def test_on_each_side_of_a_joint_a_loss_swings_with_its_own_temperature():
     assert (found.place, found.factor, found.subsystem) == ("heat", "temperature", "thermoelectric")
     assert found.share > 0.9
     np.testing.assert_allclose(found.period, period, rtol=0.01)
+    there = binned.time[0] < time[-1]
+    at = np.searchsorted(time, binned.time[0][there])
+    alike = lambda x, y: np.corrcoef(x[0][there], y[at])[0, 1] > 0.97  # noqa: E731
+    for side in ("agonist", "antagonist"):  # which is also what its missing heat is set against
+        own = binned.on(f"heat_{side}")
+        assert alike(own.temperature, seen[f"temperature_{side}_degC"])
+        assert alike(own.drive, volts[f"voltage_{side}_V"])
+    assert alike(binned.on("angle reading").drive, volts["voltage_agonist_V"] - volts["voltage_antagonist_V"])
 
 
 def test_nothing_swings_where_a_state_has_it():
