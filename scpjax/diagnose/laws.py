@@ -34,8 +34,9 @@ def other_laws(state: State, name: str, split: Split, rules: Evidence, base: Sta
         return state
     setup = state.setup
     m = setup.structure.mechanism(name)
-    free_now = set(m.free_parameters(m.laws.index(state.laws[name])))
-    several, able = _is_one_of_several(state, base, split), laws_that_can_act(setup, m)
+    now = m.laws.index(state.laws[name])
+    free_now = set(m.free_parameters(now))
+    several, able = _is_one_of_several(state, base, split), laws_that_can_act(setup, m, now)
     narrower = [law for law in able if set(m.free_parameters(law)) < free_now]
     wider = [law for law in able if set(m.free_parameters(law)) > free_now]
 
@@ -65,8 +66,9 @@ def _every_law(state: State, name: str, split: Split, rules: Evidence) -> State:
     """
     setup = state.setup
     m = setup.structure.mechanism(name)
-    free_now = m.free_parameters(m.laws.index(state.laws[name]))
-    others = [law for law in laws_that_can_act(setup, m) if m.laws[law] != state.laws[name]]
+    now = m.laws.index(state.laws[name])
+    free_now = m.free_parameters(now)
+    others = [law for law in laws_that_can_act(setup, m, now) if law != now]
 
     def again(law: int) -> State | None:
         after = _under(state, m, law, split, [p for p in m.free_parameters(law) if p not in free_now])

@@ -17,7 +17,8 @@ _BY: tuple[tuple[dict[str, int], tuple[str, ...]], ...] = (
             *("creep.time_constant (activated)", "creep.time_constant (hardening)", "drive_dead_zone.sharpness"),
             *("drive_dead_zone.shoulder", "fatigue.acceleration", "fatigue.activation", "fatigue.most"),
             *("friction.faster", "friction.static", "hysteresis.inner", "hysteresis.middle", "hysteresis.sharpness"),
-            *(f"hysteresis.strength ({law})" for law in ("Bouc-Wen", "Duhem", "plays")),
+            *("hysteresis.fourth", *(f"hysteresis.{play}_width" for play in ("middle", "inner", "fourth"))),
+            *(f"hysteresis.strength ({law})" for law in ("Bouc-Wen", "Duhem", "plays", "four plays")),
             *("nonlinear_heat_loss.exponent", "nonlinear_stiffness.abruptness", "nonlinear_stiffness.engaged"),
             *(f"nonlinear_thermal_force.growth ({law})" for law in ("threshold", "glass transition", "power")),
             *("nonlinear_stiffness.exponent", "sensor_drift.exponent", "sensor_drift.time_constant", "slack.corner"),
@@ -31,7 +32,7 @@ _BY: tuple[tuple[dict[str, int], tuple[str, ...]], ...] = (
             *("ambient_drift.drift", "ambient_drift.quadrature", "antagonist_load.length", "antagonist_load.onset"),
             *("antagonist_load.strength (link)", "antagonist_load.strength (lifted weight)", "creep.activation"),
             *("creep.hardening", "drive_dead_zone.threshold", "friction.presliding", "friction.strength"),
-            *(f"hysteresis.width ({law})" for law in ("Bouc-Wen", "Duhem", "plays")),
+            *(f"hysteresis.width ({law})" for law in ("Bouc-Wen", "Duhem", "plays", "four plays")),
             *("nonlinear_stiffness.knee", "nonlinear_thermal_force.transition", "nonlinear_thermal_force.width"),
             *("sensor_drift.drift (displacement settling)", "slack.gap"),
             *("thermal_softening.transition", "thermal_softening.width"),
@@ -52,7 +53,7 @@ _BY: tuple[tuple[dict[str, int], tuple[str, ...]], ...] = (
         {"reference_temperature": 1},
         (
             *("fatigue.onset", "fatigue.width", "hysteresis.centre", "hysteresis.span"),
-            *(f"hysteresis.width (thermal {law})" for law in ("plays", "Duhem", "Preisach")),
+            *(f"hysteresis.width (thermal {law})" for law in ("plays", "Duhem", "Preisach", "four plays")),
             "sensor_drift.drift (temperature settling)",
         ),
     ),
@@ -73,7 +74,7 @@ _BY: tuple[tuple[dict[str, int], tuple[str, ...]], ...] = (
     ),
     (
         {"reference": 1, "reference_temperature": -1},
-        tuple(f"hysteresis.strength (thermal {law})" for law in ("plays", "Duhem", "Preisach")),
+        tuple(f"hysteresis.strength (thermal {law})" for law in ("plays", "Duhem", "Preisach", "four plays")),
     ),
 )
 POWERS: dict[str, dict[str, int]] = {key: powers for powers, keys in _BY for key in keys}

@@ -121,7 +121,7 @@ def _law_by_law(state: State, name: str) -> list[list[Trial]]:
     null, where = np.asarray(setup.starts[0]), setup.structure.where
     which = setup.structure.mechanisms.index(m)
     found = []
-    for law in laws_that_can_act(setup, m):
+    for law in laws_that_can_act(setup, m, m.laws.index(state.laws[name])):
         free, laws = m.free_parameters(law), np.asarray(state.trial.laws).copy()
         laws[which] = law
         found.append([])

@@ -273,10 +273,12 @@ def what_there_is(s: Structure, recordings: Sequence[Recording]) -> set[str]:
     return {need for need, given in there.items() if given}
 
 
-def laws_that_can_act(setup: Setup, m: Mechanism) -> list[int]:
-    """Which laws of a mechanism can act in this model and be seen by the sensors of these recordings."""
-    have = what_there_is(setup.structure, setup.recordings)
-    return [law for law in range(len(m.laws)) if applicable(m, have, law)]
+def laws_that_can_act(setup: Setup, m: Mechanism, now: int | None = None) -> list[int]:
+    """Which laws of a mechanism can act in this model, be seen by the sensors of these recordings and be sought from
+    the law that it has ``now``.
+    """
+    have, sought = what_there_is(setup.structure, setup.recordings), m.sought_from(now)
+    return [law for law in range(len(m.laws)) if law in sought and applicable(m, have, law)]
 
 
 def _known(

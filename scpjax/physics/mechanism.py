@@ -88,6 +88,7 @@ class Mechanism(eqx.Module):
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {}  # laws that a parameter belongs to, where not to all
     needs: ClassVar[tuple[str, ...]] = ()  # of `scpjax.physics.catalogue.NEEDS`
     law_needs: ClassVar[dict[int, tuple[str, ...]]] = {}  # what a law needs beyond that
+    refines: ClassVar[dict[int, int]] = {}  # laws that are sought only from a fit under another, by that one
     excited_by: ClassVar[str] = ""
     starts: ClassVar[tuple[tuple[float, ...], ...]] = ()  # physical (or time-relative) start values, per parameter
     impossible: ClassVar[str] = ""  # what parameters that are `beyond_physics` ask for; empty: none are
@@ -107,6 +108,11 @@ class Mechanism(eqx.Module):
         """What is estimated under a law (its index among ``laws``)."""
         only = self.only_under  # not by `serves`: a call of a module's method takes longer than all else here
         return tuple(p for p in self.parameters if not p.fixed and law in only.get(p.name, (law,)))
+
+    def sought_from(self, law: int | None) -> set[int]:
+        """Laws that a fit may go on to from one under ``law``; from none (None) those that refine no other."""
+        there = {law, self.refines.get(law)} if law is not None else set()
+        return {i for i in range(len(self.laws)) if i not in self.refines or not there.isdisjoint((i, self.refines[i]))}
 
     def serves(self, p: Parameter, law: int) -> bool:
         """Whether a law has any use for a parameter, fixed or estimated."""

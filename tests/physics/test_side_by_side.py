@@ -21,7 +21,7 @@ BEHIND = {"hysteresis.strength": 0.2, "hysteresis.width": 0.3}
 SOFT = {"thermal_softening.softening": 0.4}
 STIFFER = {"nonlinear_stiffness.quadratic": 0.3, "nonlinear_stiffness.cubic": 0.2}
 SLACK = {"slack.gap": 0.3}
-OWN = {"fatigue": [0.7], "hysteresis": [0.5, 0.4, -0.2]}  # states, away from where they begin
+OWN = {"fatigue": [0.7], "hysteresis": [0.5, 0.4, -0.2, 0.1]}  # states, away from where they begin
 LAWS = {"slack": "pull", "hysteresis": "thermal plays"}
 
 

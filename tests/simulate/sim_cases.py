@@ -68,7 +68,10 @@ ACTIVE = {
         "presliding": 0.1,
         "reference": 0.0025,
     },
-    "hysteresis": {"strength": 0.4, "width": 0.15, "middle": 1.4, "inner": 0.7, "centre": 0.2, "span": 0.3},
+    "hysteresis": {
+        **{"strength": 0.4, "width": 0.15, "middle": 1.4, "inner": 0.7, "centre": 0.2, "span": 0.3},
+        **{"fourth": 1.2, "middle_width": 0.8, "inner_width": 0.3, "fourth_width": 0.6},
+    },
     "input_delay": {"time": 0.125, "share": 0.6},
     "nonlinear_heat_loss": {"strength": 0.8, "exponent": 0.6},
     "nonlinear_thermal_force": {"growth": 0.6, "transition": 0.5, "width": 0.3, "reference": 20.0},

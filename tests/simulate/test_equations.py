@@ -165,41 +165,42 @@ def activated():
     return rates, (START[0], 1.3 * x, START[2], 0.3 * x, 0.0, 0.0, 0.0)
 
 
-SHARES = np.array([1.0, 0.6, 0.25])  # widths of plays
-
-
 def hysteresis(law):
-    width, plays, preisach = 0.15 * 0.01, law in (2, 3, 5), law == 5
-    weights = np.exp(-0.5 * SHARES)
-    weights *= np.array([1.0, 1.4, 0.7]) / weights.sum()
+    width, preisach, four = 0.15 * 0.01, law == 5, law in (6, 7)
+    plays, thermal = law in (2, 3, 5) or four, law >= 3 and law != 6
+    shares = np.array([1.0, 0.75, 0.25, 0.5] if four else [1.0, 0.6, 0.25])  # widths of plays, as they weigh
+    weights = np.exp(-0.5 * shares)
+    weights *= np.array([1.0, 1.4, 0.7, 1.2])[: len(shares)] / weights.sum()
+    if four:  # and as they are
+        shares = np.array([1.0, 0.8, 0.3, 0.6])
     sigmoid = lambda t: 0.3 * np.tanh((t / 50.0 - 0.2) / 0.3) * 0.01  # noqa: E731  # m
 
     def force(t, x, stops):
+        stops = np.array(stops[: len(shares)])
         if preisach:  # what has come down from far above lies a width beyond
-            behind = [
-                sigmoid(t) - sigmoid(0.0) - width * share * (y + 1) for share, y in zip(SHARES, stops, strict=True)
-            ]
+            behind = sigmoid(t) - sigmoid(0.0) - width * shares * (stops + 1)
             return -0.4 * K * np.dot(weights, behind)
-        return 0.4 * K * width * (np.dot(weights, SHARES * np.array(stops)) if plays else stops[0])
+        return 0.4 * K * width * (np.dot(weights, shares * stops) if plays else stops[0])
 
     def rates(_t, z, u):
         t, x, v, q, *others = z
         warming = (u / R - LAM * t) / C_TH
-        moved = warming * 0.01 / 50.0 if law >= 3 else v
+        moved = warming * 0.01 / 50.0 if thermal else v
         if preisach:
             moved *= 1 - np.tanh((t / 50.0 - 0.2) / 0.3) ** 2
-        filled = abs(q) ** (8 if plays else 3) if moved * q > 0 else 0.0
+        sharp = 16 if four else 8 if plays else 3
+        filled = abs(q) ** sharp if moved * q > 0 else 0.0
         slip = (moved - abs(moved) * q) / width if law in (1, 4) else moved / width * (1 - filled)
-        narrower = [
-            moved / (width * share) * (1 - (y**8 if moved * y > 0 else 0.0)) if plays else 0.0
-            for share, y in zip(SHARES[1:], others, strict=True)
-        ]
+        narrower = [0.0, 0.0, 0.0]
+        if plays:
+            for i, (share, y) in enumerate(zip(shares[1:], others, strict=False)):
+                narrower[i] = moved / (width * share) * (1 - (y**sharp if moved * y > 0 else 0.0))
         return [warming, *mechanics(x, v, t, K * x + force(t, x, [q, *others])), slip, *narrower]
 
     if preisach:
         t, x, v = START
-        return rates, (t, x - force(t, x, [-1.0] * 3) / K, v, -1.0, -1.0, -1.0)
-    return rates, (*START, 0.0, 0.0, 0.0)
+        return rates, (t, x - force(t, x, [-1.0] * 3) / K, v, -1.0, -1.0, -1.0, -1.0)
+    return rates, (*START, 0.0, 0.0, 0.0, 0.0)
 
 
 def late(law):
