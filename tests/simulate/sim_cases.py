@@ -74,7 +74,9 @@ ACTIVE = {
     },
     "input_delay": {"time": 0.125, "share": 0.6},
     "nonlinear_heat_loss": {"strength": 0.8, "exponent": 0.6},
-    "nonlinear_thermal_force": {"growth": 0.6, "transition": 0.5, "width": 0.3, "reference": 20.0},
+    "nonlinear_thermal_force": {
+        **{"growth": 0.6, "transition": 0.5, "width": 0.3, "abruptness": 1.3, "reference": 20.0},
+    },
     "nonlinear_stiffness": {
         "quadratic": 0.3,
         "cubic": 0.4,

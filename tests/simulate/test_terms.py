@@ -56,6 +56,8 @@ def bent_force(law):
             return PULL * z[0] / np.sqrt(1 + 0.6 * r * r)
         if law == 3:
             return PULL * z[0] * np.hypot(r, 0.02) ** 0.6
+        if law == 5:
+            return PULL * z[0] * (1 + 0.6 * abs(r) ** 1.3) ** (-1 / 1.3)
         width = 0.3 if law == 4 else 0.1
         beyond = (r + HOOK(r - 0.5, width) - HOOK(0.5, width)) / 2
         return PULL * (z[0] + 0.6 * 20 * beyond)
@@ -124,7 +126,7 @@ TERMS = {
     "supply_sag": (sagging, 12),
     "drive_dead_zone": (dead_zone, 4),
     "ambient_drift": (drifting_room, 4),
-    "nonlinear_thermal_force": (bent_force, 5),
+    "nonlinear_thermal_force": (bent_force, 6),
     "thermal_softening": (softening, 4),
     "slack": (slack, 3),
     "fatigue": (tiring, 6),
