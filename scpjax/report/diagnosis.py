@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -148,7 +149,8 @@ def _where(d: Diagnosis, shapes: Mapping[str, bytes]) -> str:
     if d.verdict == "adequate":
         lead = f"No stretch stands out; the residuals, largest in the {words}, are those of noise."
     else:
-        lead = f"In {_PLACES.get(where.subsystem, where.subsystem)}. It shows most in the {words}"
+        places = dict.fromkeys((where.subsystem, *(m.subsystem for m in d.mechanisms)))
+        lead = f"In {'; and in '.join(_PLACES.get(p, p) for p in places)}. It shows most in the {words}"
         lead += f", while {_regime(where.regimes)}." if where.regimes else "."
     strongest = [v for v, s in where.depends_on if s >= 0.15][:2]
     more = ""
@@ -215,7 +217,7 @@ def _mechanism(m: Named, by_form: Sequence[str]) -> str:
             f"{percent(m.probability)} · <code>{escape(m.name)}</code></span></header>",
             page.text(f"{m.says} {m.differs}".rstrip()),
             page.table(("Parameter", "", "Estimate", "95 % interval", "Unit"), rows, (2,), tight=(3, 4)),
-            f'<div class="equation">{escape(m.equation)}</div>' if m.equation else "",
+            _equation(m),
             page.text(m.stated, "small") if m.stated else "",
             others,
             page.text(f"Source: {m.source}", "soft small") if m.source else "",
@@ -223,6 +225,17 @@ def _mechanism(m: Named, by_form: Sequence[str]) -> str:
         )
         if part
     )
+
+
+def _equation(m: Named) -> str:
+    """The equation of a mechanism, a line for every law, that of the law which was found in bold."""
+    if not m.equation:
+        return ""
+    lines = []
+    for clause in re.split(r";\s+(?=laws? )|;\s{2,}", m.equation):
+        found = m.law and clause.startswith((f"law {m.law}:", f"law {m.law},"))
+        lines.append(f"<strong>{escape(clause)}</strong>" if found else escape(clause))
+    return f'<div class="equation">{"<br>".join(lines)}</div>'
 
 
 def _nothing_named(d: Diagnosis) -> str:

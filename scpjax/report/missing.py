@@ -104,7 +104,7 @@ def section(d: Diagnosis, shapes: dict[str, bytes]) -> str:
     lead = (
         "Before any name is given: what would have to be added to each balance of the base model, or to a reading, for "
         "it to meet the recordings, as a smooth function of time. "
-        f"Drawn is {_words(best)[0].lower() + _words(best)[1:]}"
+        f"Drawn here: {_words(best)[0].lower() + _words(best)[1:]}"
     )
     lead += f"; how much of it goes with one variable alone: {follows}." if follows else "."
     rows = [

@@ -9,6 +9,7 @@ from made_pages import COLUMNS, GAIN, diagnosis, read, recordings
 
 from scpjax.diagnose.fleet import Member
 from scpjax.diagnose.result import FREE, Closure, Latent, Location, Ranked
+from scpjax.physics.catalogue import catalogue
 from scpjax.physics.storage import load_model
 from scpjax.report.fleet import write_fleet_diagnosis
 from scpjax.report.numbers import number
@@ -214,3 +215,17 @@ def test_what_is_not_told_apart_says_what_would_show_it(tmp_path, apart):
     shows = 'What shows that "heat loss grows faster than the temperature": cooling curves and steady states at several'
     assert (shows in text) is apart
     assert ("The same command with --next designs the experiment" in text) is apart
+
+
+def test_of_the_laws_of_a_mechanism_the_one_found_stands_out_and_every_balance_is_told(tmp_path):
+    lag = catalogue()["sensor_lag"]
+    named = diagnosis().mechanisms[0]
+    late = replace(named, name=lag.name, subsystem=lag.subsystem, law="in part", equation=lag.equation)
+    path = write_diagnosis(diagnosis(mechanisms=(named, late)), tmp_path)
+    lines = path.read_text(encoding="utf-8").split('<div class="equation">tau')[1].split("</div>")[0].split("<br>")
+    assert len(lines) == len(lag.laws)
+    assert [line for line in lines if "strong" in line] == [
+        "<strong>law in part: the reading is (1 - s) T + s y</strong>"
+    ]
+    _, text = read(path)
+    assert "what is lost; and in the sensor: between" in text
