@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -20,7 +21,7 @@ from scpjax.diagnose.remainder import FAR, at_noise, leaves_much
 from scpjax.diagnose.result import Ranked
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.screen import Promise, fresh, screen
-from scpjax.diagnose.trials import HOPELESS, afresh, in_order, under_every_law, without
+from scpjax.diagnose.trials import HOPELESS, afresh, in_order, under_both_their_laws, under_every_law, without
 from scpjax.fit.setup import Setup
 
 _BY_PROMISE, _BY_RANK = 2, 1  # tried in the place of a name
@@ -41,13 +42,14 @@ def exchanged(
     as may hang on what does as well in their place. Late by it none is.
 
     Where they do not reach the noise, or a parameter stands at its limit, every name is asked for its law again first,
-    where all stand, as it was chosen before the rest was known; away from it also beside the rest without it, and once
-    more where that has changed.
+    where all stand, as it was chosen before the rest was known; away from it also with each other's, and beside the
+    rest without it, and once more where that has changed.
     """
     if choice.settled or len(choice.state.names) < 2:
         return choice
     patience = patience or Patience()
-    choice = replace(choice, state=_laws_again(choice.state, split, rules, patience))
+    state = _laws_of_two(_laws_again(choice.state, split, rules, patience), split, rules, patience)
+    choice = replace(choice, state=state)
     first = choice.state.names[0]
     hopeless: set[tuple[str, str]] = set()
     stood: dict[str, State] = {}
@@ -84,6 +86,19 @@ def _laws_again(state: State, split: Split, rules: Evidence, patience: Patience)
                 stood[name] = state
         if state is before:
             break
+    return state
+
+
+def _laws_of_two(state: State, split: Split, rules: Evidence, patience: Patience) -> State:
+    """What ends away from the noise, two names at a time under other laws of both where that is better: the law of each
+    may be the best beside the other's wrong one.
+    """
+    for pair in itertools.combinations(state.names, 2):
+        if not _is_far(state, split) or patience.over():
+            break
+        other = under_both_their_laws(state, pair, split)
+        if is_better(other, state, split, rules):
+            state = _laws_again(other, split, rules, patience)
     return state
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -20,6 +21,7 @@ FEW, NEARLY = 12, 0.2  # steps of all; of the leader's gain after them, with les
 HOPELESS = 4.0
 """Sum of squares, in units of that of what it should replace, from which a hypothesis is tried no further."""
 _LEADS = 0.95  # the same, in a hurry
+_CLOSE, _AT_MOST = 2.0, 8  # sum of squares after a few steps, in units of the least; trials within that, that go on
 TOLERANCE = 0.02  # half the fall of the sum of squares in one step with which a trial has come to rest
 _ORDER = 1e-3  # RMS difference of predictions, in units of the noise, up to which the order of two names is none
 
@@ -133,6 +135,31 @@ def _law_by_law(state: State, name: str) -> list[list[Trial]]:
                     value[i] = own * unit(setup, p) if p in free else null[i]
             found[-1].append(trial_at(setup, value, laws))
     return found
+
+
+def under_both_their_laws(state: State, pair: tuple[str, str], split: Split) -> State:
+    """The hypothesis with two of its mechanisms under every pair of their laws, from where they start beside the base
+    that the data suggested at first, all others as they stand; what is closest after a few steps comes to rest.
+    """
+    setup, where = state.setup, state.setup.structure.where
+    ms = [setup.structure.mechanism(name) for name in pair]
+    which = [setup.structure.mechanisms.index(m) for m in ms]
+    others = [name for name in state.names if name not in pair]
+    kept = owned_by(setup, others, len(state.values))
+    begun = np.where(kept, state.values, np.asarray(setup.starts[0]))
+    trials = []
+    for each in itertools.product(*(laws_that_can_act(setup, m, m.laws.index(state.laws[m.name])) for m in ms)):
+        laws = np.asarray(state.trial.laws).copy()
+        laws[which] = each
+        for start in (0, -1):
+            value = begun.copy()
+            for m, law in zip(ms, each, strict=True):
+                for p in m.free_parameters(law):
+                    value[where[f"{m.name}.{p.name}"]] = m.starts[start][m.parameters.index(p)] * unit(setup, p)
+            trials.append(trial_at(setup, value, laws))
+    solved, cost, _ = solve_all(trials, split.train, setup.space, max_steps=FEW, tolerance=TOLERANCE)
+    closest = [int(i) for i in np.argsort(cost)[:_AT_MOST] if cost[i] <= _CLOSE * np.min(cost)]
+    return at_rest(setup, split, [solved[i] for i in closest] or [state.trial])
 
 
 def in_order(state: State, first: str, split: Split) -> State:
