@@ -74,9 +74,7 @@ def choose(
             both, leapt = _two_at_once(search, rounds, leaders, leader.state, tell), True
             if both and at_noise(both.state, split):
                 return _choice(both)
-        # the same names reached by another way are no way of their own
-        others = (b for b in further if not b.ended and set(b.state.names) != set(leader.state.names))
-        branches = [leader, *others][:WAYS]
+        branches = _ways_on(leader, further)
     ahead = both is not None and is_better(both.state, leaders[-1].state, split, rules)
     choice = _choice(both if both and ahead else leaders[-1])
     if at_noise(choice.state, split, FAR):
@@ -84,6 +82,16 @@ def choose(
     choice = _away_from_noise(search, choice, rounds, leaders, rooms, mend, tell, leapt=leapt)
     strongest = next((c.added for c in rounds[0][0].accepted if c.added in choice.state.names), None)
     return choice if strongest is None else replace(choice, state=in_order(choice.state, strongest, split))
+
+
+def _ways_on(leader: Branch, further: Sequence[Branch]) -> list[Branch]:
+    """The ways to go on: the best one and others. The same names reached by another way are no way of their own, unless
+    with values that all recordings share: what another mechanism does a name may make up for that differs by recording.
+    """
+    others = [b for b in further if not b.ended and {*b.state.names} != {*leader.state.names}]
+    alike = [b for b in further if not b.ended and {*b.state.names} == {*leader.state.names}]
+    shared = [b for b in alike if not b.state.setup.structure.own] if leader.state.setup.structure.own else []
+    return [*[leader, *others][:WAYS], *shared[:1]]
 
 
 def _away_from_noise(

@@ -191,3 +191,16 @@ def test_a_way_that_the_second_round_has_gone_is_not_gone_again(monkeypatch):
     asked = played(monkeypatch, {"a": 500.0, "b": 505.0, "c": 700.0, "ad": 300.0, "bd": 400.0, "ce": 350.0})
     assert chosen() == {"a", "d"}
     assert [names for names in asked if len(names) == 1] == [("a",), ("b",), ("c",)]
+
+
+def test_what_differs_by_recording_does_not_take_the_place_of_another_name(monkeypatch):
+    """``a`` with a value for each recording comes near the noise, and what is left beside it is worth no name; beside
+    ``a`` with one for all it is.
+    """
+    asked = played(monkeypatch, {"a": 100.0, "ab": 1.0})
+    put(monkeypatch, "at_noise", lambda state, split, level=1.0: state.cost <= (40 if level > 1 else 1))
+    put(monkeypatch, "released", lambda state, *_: Played(("a",), 40.0, ("a.rate",)) if state.cost == 100 else None)
+    put(monkeypatch, "worthwhile", lambda before, *_: not before.own)
+    found = select.choose(Played((), 1000.0), None, Evidence(), None)  # type: ignore[arg-type]
+    assert (found.state.names, found.state.setup.structure.own) == (("a", "b"), ())
+    assert asked == [(), ("a",), ("a",)]
