@@ -48,7 +48,7 @@ def exchanged(
     if choice.settled or len(choice.state.names) < 2:
         return choice
     patience = patience or Patience()
-    state = _laws_of_two(_laws_again(choice.state, split, rules, patience), split, rules, patience)
+    state = laws_of_two(_laws_again(choice.state, split, rules, patience), split, rules, patience)
     choice = replace(choice, state=state)
     first = choice.state.names[0]
     hopeless: set[tuple[str, str]] = set()
@@ -89,7 +89,7 @@ def _laws_again(state: State, split: Split, rules: Evidence, patience: Patience)
     return state
 
 
-def _laws_of_two(state: State, split: Split, rules: Evidence, patience: Patience) -> State:
+def laws_of_two(state: State, split: Split, rules: Evidence, patience: Patience) -> State:
     """What ends away from the noise, two names at a time under other laws of both where that is better: the law of each
     may be the best beside the other's wrong one.
     """

@@ -9,6 +9,7 @@ from functools import partial
 from scpjax.abreast import meanwhile
 from scpjax.diagnose.choice import Choice, Progress
 from scpjax.diagnose.evidence import Evidence, chance_against, is_better
+from scpjax.diagnose.exchange import laws_of_two
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
 from scpjax.diagnose.leap import leap, one_promises_the_rest
@@ -41,6 +42,7 @@ def choose(
     ``enough(first)`` says whether to end with the first name; out of ``patience`` neither a third round nor another way
     is begun, nor another round on such a way.
 
+    Two that end away from the noise are asked for their laws together before a third is sought beside them.
     Where two mechanisms are close and neither reaches the noise, both ways are gone one round further, the second only
     if what it has named is not part of what explains all on the first. Where the way ends away from the noise and
     ``mend`` does not bring it there, others that had evidence in the first round are gone too. One mechanism that
@@ -64,7 +66,10 @@ def choose(
             break
         further, with_room = _gone_on(search, branches, rounds, round_, tell)
         rooms = rooms if rounds[1:] else with_room
-        leaders.append(leader := _best(further, split, rules))
+        leader = _best(further, split, rules)
+        if round_ < rules.most and not leader.ended:
+            leader = replace(leader, state=laws_of_two(leader.state, split, rules, search.patience))
+        leaders.append(leader)
         if leader.ended or at_noise(leader.state, split):
             break
         if round_ == 1 and enough is not None and enough(leader.state):

@@ -58,6 +58,7 @@ def played(monkeypatch, misfits: dict[str, float], held_out: dict[str, float] | 
     put(monkeypatch, "released", lambda *_: None)
     put(monkeypatch, "afresh", lambda state, split: state)
     put(monkeypatch, "other_laws", lambda state, *_: state)
+    put(monkeypatch, "laws_of_two", lambda state, *_: state)
     put(monkeypatch, "prune", lambda state, split, rules, base=None: state)
     put(monkeypatch, "equals", lambda best, others, before, split: ())
     put(monkeypatch, "worthwhile", lambda *_: True)

@@ -52,7 +52,7 @@ def played(monkeypatch, costs):
 def test_two_at_a_time_until_the_noise_is_reached(monkeypatch):
     asked = played(monkeypatch, {"ab": 80.0, "ac": 5.0})
     three = SimpleNamespace(names=("a", "b", "c"), cost=50.0)
-    found = exchange._laws_of_two(three, None, Evidence(), Patience())  # type: ignore[arg-type]
+    found = exchange.laws_of_two(three, None, Evidence(), Patience())  # type: ignore[arg-type]
     assert asked == ["ab", "ac"]
     assert found.cost == 4.0, "and each law once more beside what has changed"
 
@@ -60,6 +60,6 @@ def test_two_at_a_time_until_the_noise_is_reached(monkeypatch):
 def test_not_at_the_noise_nor_out_of_patience(monkeypatch):
     asked = played(monkeypatch, {"ab": 5.0})
     near, far = (SimpleNamespace(names=("a", "b"), cost=cost) for cost in (9.0, 50.0))
-    assert exchange._laws_of_two(near, None, Evidence(), Patience()) is near  # type: ignore[arg-type]
-    assert exchange._laws_of_two(far, None, Evidence(), Patience(0.0)) is far  # type: ignore[arg-type]
+    assert exchange.laws_of_two(near, None, Evidence(), Patience()) is near  # type: ignore[arg-type]
+    assert exchange.laws_of_two(far, None, Evidence(), Patience(0.0)) is far  # type: ignore[arg-type]
     assert asked == []

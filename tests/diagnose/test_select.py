@@ -204,3 +204,10 @@ def test_what_differs_by_recording_does_not_take_the_place_of_another_name(monke
     found = select.choose(Played((), 1000.0), None, Evidence(), None)  # type: ignore[arg-type]
     assert (found.state.names, found.state.setup.structure.own) == (("a", "b"), ())
     assert asked == [(), ("a",), ("a",)]
+
+
+def test_two_are_asked_for_their_laws_before_a_third_is_sought(monkeypatch):
+    asked = played(monkeypatch, {"a": 500.0, "ab": 100.0, "abc": 1.0})
+    put(monkeypatch, "laws_of_two", lambda s, *_: Played(s.names, 1.0) if len(s.names) == 2 else s)
+    assert chosen() == {"a", "b"}
+    assert asked == [(), ("a",)]
