@@ -96,9 +96,12 @@ def laws_of_two(state: State, split: Split, rules: Evidence, patience: Patience)
     for pair in itertools.combinations(state.names, 2):
         if not _is_far(state, split) or patience.over():
             break
-        other = under_both_their_laws(state, pair, split)
-        if is_better(other, state, split, rules):
-            state = _laws_again(other, split, rules, patience)
+        best = state
+        for other in under_both_their_laws(state, pair, split):
+            if is_better(other, best, split, rules):
+                best = other
+        if best is not state:
+            state = _laws_again(best, split, rules, patience)
     return state
 
 

@@ -137,9 +137,9 @@ def _law_by_law(state: State, name: str) -> list[list[Trial]]:
     return found
 
 
-def under_both_their_laws(state: State, pair: tuple[str, str], split: Split) -> State:
+def under_both_their_laws(state: State, pair: tuple[str, str], split: Split) -> list[State]:
     """The hypothesis with two of its mechanisms under every pair of their laws, from where they start beside the base
-    that the data suggested at first, all others as they stand; what is closest after a few steps comes to rest.
+    that the data suggested at first, all others as they stand: what is closest after a few steps, come to rest.
     """
     setup, where = state.setup, state.setup.structure.where
     ms = [setup.structure.mechanism(name) for name in pair]
@@ -159,7 +159,7 @@ def under_both_their_laws(state: State, pair: tuple[str, str], split: Split) -> 
             trials.append(trial_at(setup, value, laws))
     solved, cost, _ = solve_all(trials, split.train, setup.space, max_steps=FEW, tolerance=TOLERANCE)
     closest = [int(i) for i in np.argsort(cost)[:_AT_MOST] if cost[i] <= _CLOSE * np.min(cost)]
-    return at_rest(setup, split, [solved[i] for i in closest] or [state.trial])
+    return [at_rest(setup, split, [solved[i]]) for i in closest]
 
 
 def in_order(state: State, first: str, split: Split) -> State:
