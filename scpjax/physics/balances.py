@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 from scpjax.physics.mechanism import Mechanism, Values, View
 from scpjax.physics.structure import Structure
 
+_SWEEPS = 3  # over what looks a step ahead, where there are several
 States = Sequence[Array] | Array
 Number = Array | np.ndarray | float
 
@@ -149,9 +150,20 @@ class Balances:
         view.pull = self._scaled("pull", view, owns)
         view.restoring = self._scaled("restoring", view, owns)
         force = self._net(view.pull - view.restoring + self._sum("force", view, owns))
-        if self.core or not any(_has(m, "resistance") for m in self.structure.mechanisms):
-            return force
-        return force + self._net(self._sum("resistance", view, owns, self._signed(force)))
+        return force if self.core else force + self._resisting(view, owns, force)
+
+    def _resisting(self, view: View, owns: list, force: Array) -> Array:
+        """Force [N] of what looks a step ahead, each given all the others: what can hold the load last, as that takes
+        up what they leave, and all again where there are several, as what holds it keeps it from going where they look.
+        """
+        every = zip(self.structure.mechanisms, self.values, owns, strict=True)
+        those = sorted((e for e in every if _has(e[0], "resistance")), key=lambda e: _has(e[0], "holds"))
+        each = [jnp.zeros((), self.dtype) for _ in those]
+        for i in list(range(len(those))) * (1 if len(those) == 1 else _SWEEPS):
+            m, p, view.own = those[i]
+            others = sum((r for j, r in enumerate(each) if j != i), force)
+            each[i] = self._net(jnp.broadcast_to(m.resistance(p, view, self._signed(others)), self._shape))
+        return sum(each, jnp.zeros((), self.dtype))
 
     def _own_rates(self, m: Mechanism, p: Values, view: View, owns: list) -> list[Array]:
         """Rates of a mechanism's states; of a system, with what flows beside (which the linear core leaves out)."""

@@ -23,8 +23,10 @@ def rubbing(recording, strength, law=0, order=2, **others):
     return np.asarray(simulate(model, recording, method=Exponential(order=order)).states)
 
 
-def rubbed(recording, strength, law=0):
-    """By scipy's implicit integrator, for friction as tanh would have it within 0.05."""
+def rubbed(recording, strength, law=0, spring=0.0):
+    """By scipy's implicit integrator, for friction as tanh would have it within 0.05; and with a ``spring`` [N/m] that
+    engages at a fifth of the travel.
+    """
     dry, slow = strength * K * TRAVEL, TRAVEL / 300.0
     z, out = np.zeros(3), [np.zeros(3)]
     for gap, volts in zip(np.diff(recording.time), recording.inputs[:-1, 0], strict=True):
@@ -34,7 +36,7 @@ def rubbed(recording, strength, law=0):
             u = abs(v) / slow
             sliding = 2 * u / (1 + u + np.sqrt((1 - u) ** 2 + 0.4 * u)) * np.sign(v)
             most = dry * (1 + law * 0.3 * np.exp(-((u / 10) ** 2)))
-            force = 0.022 * t - K * x - 8 * v - most * sliding
+            force = 0.022 * t - K * x - 8 * v - most * sliding - spring * max(x - 0.2 * TRAVEL, 0.0)
             return [(volts**2 / 1.2 - 0.14 * t) / 1.2, v, force / 0.3]
 
         z = scipy.integrate.solve_ivp(rates, (0, gap), z, method="Radau", rtol=1e-8, atol=1e-11).y[:, -1]
@@ -53,6 +55,23 @@ def test_friction_of_long_steps_is_that_of_short_ones(period, law):
     for order, most in ((2, 0.05), (4, 0.03)):
         error = np.sqrt(np.mean((rubbing(recording, 0.2, law, order=order)[:, 1] - wanted) ** 2))
         assert error < (most + 0.1 * law) * effect, (order, error / effect)
+
+
+@pytest.mark.parametrize("period", [0.05, 0.1])
+def test_friction_beside_a_spring_that_engages_holds_what_that_leaves(period):
+    """Both look a step ahead: each given what the other does."""
+    recording = multilevel(duration=40.0, period=period, hold_s=6.0, high=4.5)
+    wanted = rubbed(recording, 0.1, spring=0.9 * K)[:, 1]
+    effect = np.sqrt(np.mean((wanted - rubbed(recording, 0.1)[:, 1]) ** 2))
+    assert effect > 0.05 * np.max(wanted)
+
+    structure = extended(presets.plant(**ACTUATOR).structure, "friction", "antagonist_load")
+    own = {"antagonist_load.strength": 0.9, "antagonist_load.onset": 0.2, "antagonist_load.reference": TRAVEL}
+    values = presets.plant(**ACTUATOR).values() | SLOW | {"friction.strength": 0.1} | own
+    for order, most in ((2, 0.05), (4, 0.03)):
+        found = simulate(Model(structure).replace(values), recording, method=Exponential(order=order)).states[:, 1]
+        error = np.sqrt(np.mean((np.asarray(found) - wanted) ** 2))
+        assert error < most * effect, (order, error / effect)
 
 
 def held_and_slipped(recording):
