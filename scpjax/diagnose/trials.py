@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from scpjax.abreast import abreast
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, from_their_starts, moved, owned_by, reduced, residual_on, trial_at, unit
 from scpjax.diagnose.remainder import at_noise
@@ -159,7 +160,7 @@ def under_both_their_laws(state: State, pair: tuple[str, str], split: Split) -> 
             trials.append(trial_at(setup, value, laws))
     solved, cost, _ = solve_all(trials, split.train, setup.space, max_steps=FEW, tolerance=TOLERANCE)
     closest = [int(i) for i in np.argsort(cost)[:_AT_MOST] if cost[i] <= _CLOSE * np.min(cost)]
-    return [at_rest(setup, split, [solved[i]]) for i in closest]
+    return abreast(lambda i: at_rest(setup, split, [solved[i]]), closest)
 
 
 def in_order(state: State, first: str, split: Split) -> State:
