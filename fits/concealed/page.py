@@ -28,8 +28,9 @@ are its own (the dead time was already, two stores are since a case under them h
 the goal for foreign laws. Some of the plan's other laws were none of the catalogue's either, and have come into it
 since, after cases under them had been missed or predicted badly: a drive that comes through suddenly, a supply that
 tires by what is asked of it, a spring that grows exponentially or nears its full length, a weight lifted off its
-support, hysteresis of four plays, a pull that saturates more abruptly than one law of that had it. Also since the plan was made: the toe of a tendon, a link that a joint raises, fatigue that sets in at a
-temperature, a curved resistance, two layers behind one another.
+support, hysteresis of four plays, a pull that saturates more abruptly than one law of that had it. Also since the plan
+was made: the toe of a tendon, a link that a joint raises, fatigue that sets in at a temperature, a curved resistance,
+two layers behind one another.
 """
 
 
