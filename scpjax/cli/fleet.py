@@ -107,8 +107,11 @@ def _say_end(job: _Job, failures: dict[str, str]) -> None:
 
 
 def _diagnose_all(job: _Job) -> None:
-    """Each actuator into a folder of its own, where those that lie there already are left alone; then a page of all."""
+    """Each actuator into a folder of its own, where those that lie there already are left alone; then a page of all,
+    with what they share.
+    """
     from scpjax.diagnose.fleet import Member, outliers, spreads, summary
+    from scpjax.diagnose.shared import sharing
     from scpjax.report.fleet import write_fleet_diagnosis
     from scpjax.report.report import command_line
 
@@ -133,13 +136,14 @@ def _diagnose_all(job: _Job) -> None:
             raise _none(job.actuators, every[0].failure)
         found = spreads(every)
         odd = outliers(every, found)
+        shared = sharing(every, job.read, (lambda text: show(text, 0.99)) if show else lambda text: None)
         with staged(job.out) as folder:
-            write_fleet_diagnosis(every, found, odd, folder, command=command_line(job.arguments.line))
+            write_fleet_diagnosis(every, found, odd, folder, shared=shared, command=command_line(job.arguments.line))
     if kept:
         say(job.arguments, f"{kept} actuators had been diagnosed before and were not diagnosed again")
     for member in members.values():
         say_doubts(job.arguments, member.content["notes"] if member.content else ())
-    for sentence in summary(every, found):
+    for sentence in (*summary(every, found), *(e.says for e in shared.effects)):
         say(job.arguments, sentence)
     for o in odd:
         say(job.arguments, f"  {o.name}: {o.says}")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc, stdtrit
 
-from scpjax.diagnose.restated import POWERS
+from scpjax.diagnose.restated import powers_of
 from scpjax.diagnose.result import FREE
 from scpjax.fit.setup import UNKNOWN_POWER
 
@@ -158,7 +158,7 @@ def _compared(members: Sequence[Member]) -> tuple[tuple[Spread, ...], tuple[str,
         if common is None:
             left[f"{mechanism} ({FREE})" if law == FREE else _label(key, law, unit, pools)] = None
             continue
-        powers = _powers(key, law) or {}
+        powers = powers_of(key, law) or {}
         factors = [np.prod([(r[k]["value"] / common[k]["value"]) ** n for k, n in powers.items()]) for r in told]
         restated = {m.name: _times(e, float(f)) for (m, e), f in zip(have, factors, strict=True)}
         found.append(_spread(_label(key, law, unit, pools), unit, restated, law, common))
@@ -172,17 +172,11 @@ def _label(key: str, law: str, unit: str, pools: Mapping[tuple[str, str, str], A
     return f"{key} ({', '.join(filter(None, more))})" if any(more) else key
 
 
-def _powers(key: str, law: str) -> dict[str, int] | None:
-    """`POWERS` of a parameter, of any side or recording; None where it cannot be restated."""
-    name = key.split("@")[0]
-    return POWERS.get(f"{name} ({law})", POWERS.get(name))
-
-
 def _common(key: str, law: str, told: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]] | None:
     """References for which a parameter of all can be stated: those that it depends on, in the middle of the fleet;
     None where theirs differ and it cannot be restated.
     """
-    powers = _powers(key, law)
+    powers = powers_of(key, law)
     out = {}
     for name in dict.fromkeys(k for references in told for k in references) if powers is None else powers:
         if any(name not in references for references in told):

@@ -82,3 +82,9 @@ POWERS: dict[str, dict[str, int]] = {key: powers for powers, keys in _BY for key
 """By parameter, or parameter and law: the powers of the references that, times its value, make what does not depend on
 what it was stated for. Others, as a strength at T_ref under a power that is estimated too, cannot be restated alone.
 """
+
+
+def powers_of(key: str, law: str) -> dict[str, int] | None:
+    """`POWERS` of a parameter, of any side or recording; None where it cannot be restated."""
+    name = key.split("@")[0]
+    return POWERS.get(f"{name} ({law})", POWERS.get(name))

@@ -71,8 +71,12 @@ def ranking(ranked: Sequence[Ranked], named: Sequence[str], titles: Mapping[str,
     return figure
 
 
-def spread(values: Mapping[str, Sequence[Estimate | None]], names: Sequence[str]) -> Figure:
-    """Every parameter over a fleet, with its 95 % interval; log axes for positive ones that spread widely."""
+def spread(
+    values: Mapping[str, Sequence[Estimate | None]], names: Sequence[str], shared: Mapping[str, Estimate] | None = None
+) -> Figure:
+    """Every parameter over a fleet, with its 95 % interval; log axes for positive ones that spread widely. Bands where
+    values are ``shared``.
+    """
     columns = min(len(values), 2) or 1
     rows = -(-len(values) // columns) or 1
     height = 2.0 * rows + 0.25
@@ -83,6 +87,9 @@ def spread(values: Mapping[str, Sequence[Estimate | None]], names: Sequence[str]
         axis.set_axis_off()
     for axis, (key, estimates) in zip(axes.ravel(), values.items(), strict=False):
         _spread_of(axis, key, estimates, names)
+        if shared and key in shared:
+            axis.axhspan(shared[key].low, shared[key].high, color=EXTENDED, alpha=0.15, lw=0)
+            axis.axhline(shared[key].value, color=EXTENDED, lw=1)
     return figure
 
 

@@ -13,7 +13,9 @@ from made import made_diagnosis
 from scpjax.cli import build_parser, main
 from scpjax.cli.then import earlier, with_earlier
 from scpjax.diagnose import diagnose as room
+from scpjax.diagnose import shared
 from scpjax.errors import FitError
+from scpjax.fit.result import Estimate
 from scpjax.simulate import trial
 
 FLEET = ("fleet", "rig", "--out", "out", "--diagnose")
@@ -40,7 +42,49 @@ def rig(tmp_path, monkeypatch):
         )
 
     monkeypatch.setattr(room, "diagnose", diagnose)
+    monkeypatch.setattr(shared, "rebuilt", _made_by_hand)
     return asked
+
+
+def _made_by_hand(name, content, recordings):
+    raise FitError("it was made by hand", where=name)
+
+
+def test_what_the_fleet_shares_is_told(rig, monkeypatch, capsys):
+    values = {"size": Estimate(0.3, 0.01, "1", 0.28, 0.32, symbol="J")}
+    elsewhere = {"b": shared.Elsewhere(shared.HAS_IT, 19.5, 0.02), "c": shared.Elsewhere(shared.OPEN, 1.0, 0.0)}
+    effect = shared.SharedEffect("creep", "", ("a", "c"), ("e",), values, 31.4, 0.23, (1.01, 1.0), {}, elsewhere)
+    asked = []
+
+    def shared_effects(actuators, tell):
+        asked.extend(actuators)
+        return (effect,)
+
+    monkeypatch.setattr(shared, "shared_effects", shared_effects)
+    monkeypatch.setattr(shared, "rebuilt", lambda name, content, recordings: (name, len(recordings)))
+    assert main([*FLEET]) == 0
+    assert asked == [(name, 1) for name in "abce"]
+    says = (
+        "creep: one set of values serves 2 actuators, J = 0.3 (0.28 to 0.32) (BIC +31.4 for it, p = 0.23); with values "
+        "of its own in e. By these values it is also in b."
+    )
+    assert says in capsys.readouterr().out
+    content = json.loads(Path("out/fleet.json").read_text())
+    assert says in content["says"]
+    (told,) = content["shared"]
+    assert (told["name"], told["actuators"], told["apart"]) == ("creep", ["a", "c"], ["e"])
+    assert told["elsewhere"]["b"] == {"says": "has it", "evidence": 19.5, "held_out_gain": 0.02, "in_place_of": ""}
+    page = Path("out/report.html").read_text()
+    for words in ("Shared by the fleet", "2, apart: e", "1.010 → 1.000", "has it: b; cannot be told: c"):
+        assert words in page
+
+
+def test_what_cannot_be_fitted_again_is_told(rig):
+    assert main([*FLEET, "--quiet"]) == 0
+    content = json.loads(Path("out/fleet.json").read_text())
+    assert content["shared"] == []
+    assert content["shared_left_out"] == {n: f"{n}: it was made by hand" for n in "abce"}
+    assert "a: it was made by hand" in Path("out/report.html").read_text()
 
 
 def test_the_page_says_what_is_in_which(rig, capsys):
