@@ -19,7 +19,7 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, grown, moved, moving, owned_by, reduced, residual_on, trial_at
 from scpjax.diagnose.rebuilt import Actuator, rebuilt
 from scpjax.diagnose.restated import powers_of
-from scpjax.diagnose.trials import under_each_law
+from scpjax.diagnose.trials import under_law
 from scpjax.errors import ScpjaxError
 from scpjax.fit.colour import Whitener
 from scpjax.fit.fit import refine
@@ -175,8 +175,7 @@ def _under(a: Actuator, name: str, law: str) -> Actuator:
     """The actuator with a mechanism under a law, fitted again if it has another; as it is where that cannot act."""
     if a.state.laws[name] == law:
         return a
-    found = (s for s in under_each_law(a.state, name, a.parts) if s.laws[name] == law)
-    return replace(a, state=next(found, a.state))
+    return replace(a, state=under_law(a.state, name, law, a.parts) or a.state)
 
 
 def _references(able: Sequence[Actuator], name: str) -> dict[str, float]:
@@ -220,8 +219,8 @@ def _fitted(state: State, parts: Split, value: np.ndarray, fixed: np.ndarray) ->
 
 
 def _alike(members: Sequence[Actuator], name: str) -> list[Actuator]:
-    """Those that have the same parameters of a mechanism as most: by side, or not."""
-    have = [keys(a.state, name) for a in members]
+    """Those that have a mechanism as most do: under the same law, with the same drive, by side or not."""
+    have = [(keys(a.state, name), a.state.laws[name], a.state.setup.structure.drive) for a in members]
     usual = max(dict.fromkeys(have), key=have.count)
     return [a for a, mine in zip(members, have, strict=True) if mine == usual]
 
@@ -257,13 +256,6 @@ def _together(members: Sequence[Actuator], own: Mapping[str, Actuator], name: st
     lost = sum(gain for gain, _ in asks)
     free = [len(keys(own[a.name].state, name)) for a in members]
     delta = float(np.dot(free, np.log(count)) - number * np.log(sum(count)) - lost)
-    rms = [
-        float(
-            np.sqrt(np.mean(np.concatenate([s.residual[p.is_held] for s, p in zip(states, parts, strict=True)]) ** 2))
-        )
-        for parts in [[a.parts for a in members]]
-        for states in ([own[a.name].state for a in members], shared.states)
-    ]
     state = members[0].state
     where = state.setup.structure.where
     fixed = [p.name for p in mechanism(name).parameters if p.fixed and p.name.startswith("reference")]
@@ -275,10 +267,16 @@ def _together(members: Sequence[Actuator], own: Mapping[str, Actuator], name: st
         shared.estimates,
         delta,
         float(chdtrc(max(sum(free) - number, 1), max(lost, 0.0))),
-        (rms[0], rms[1]),
+        (_held_out([own[a.name].state for a in members], members), _held_out(shared.states, members)),
         {r: float(state.values[where[f"{name}.{r}"][0]]) for r in fixed},
     )
     return effect, shared
+
+
+def _held_out(states: Sequence[State], actuators: Sequence[Actuator]) -> float:
+    """RMS residual of the held-out stretches of all, in units of the noise."""
+    every = [s.residual[a.parts.is_held] for s, a in zip(states, actuators, strict=True)]
+    return float(np.sqrt(np.mean(np.concatenate(every) ** 2)))
 
 
 def _asks(own: Actuator, state: State) -> tuple[float, int]:
@@ -302,7 +300,10 @@ def _elsewhere(a: Actuator, effect: SharedEffect, inner: np.ndarray, rules: Evid
     law = m.laws.index(effect.law)
     if law not in laws_that_can_act(problem, m):
         return Elsewhere(OPEN, 0.0, 0.0, instead)
-    best = min((held(b, a.parts, m.name, inner) for b in _begun(state, problem, effect)), key=lambda s: s.cost)
+    begun = _begun(state, problem, effect)
+    if tuple(key.split(".", 1)[1] for key in keys(begun[0], m.name)) != tuple(effect.parameters):  # by side there
+        return Elsewhere(OPEN, 0.0, 0.0, instead)
+    best = min((held(b, a.parts, m.name, inner) for b in begun), key=lambda s: s.cost)
     extra = moving(best) - len(inner) - moving(state)  # the shared values are not of this actuator
     found = compare(state, best, "", effect.law, a.parts, rules, extra)
     evidence = found.delta_bic + found.held_out_excess

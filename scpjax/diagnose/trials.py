@@ -109,32 +109,38 @@ def under_every_law(state: State, name: str, split: Split, *, hurried: bool = Fa
     """The hypothesis with one of its mechanisms fitted again under every law and from every start, all else from where
     it stands; the best of them. ``hurried``: what is behind after a few steps is left there.
     """
-    trials = [trial for trials in _law_by_law(state, name) for trial in trials]
+    trials = [trial for trials in _law_by_law(state, name).values() for trial in trials]
     return _leading_at_rest(state.setup, split, trials, _LEADS) if hurried else at_rest(state.setup, split, trials)
 
 
 def under_each_law(state: State, name: str, split: Split) -> list[State]:
     """As `under_every_law`, the best under each of them."""
-    return [at_rest(state.setup, split, trials) for trials in _law_by_law(state, name)]
+    return [at_rest(state.setup, split, trials) for trials in _law_by_law(state, name).values()]
 
 
-def _law_by_law(state: State, name: str) -> list[list[Trial]]:
+def under_law(state: State, name: str, law: str, split: Split) -> State | None:
+    """As `under_every_law`, under one of them; None where it cannot act."""
+    trials = _law_by_law(state, name).get(law)
+    return at_rest(state.setup, split, trials) if trials else None
+
+
+def _law_by_law(state: State, name: str) -> dict[str, list[Trial]]:
     """Of each law that can act, one of its mechanisms at every start and all else where it stands."""
     setup, m = state.setup, state.setup.structure.mechanism(name)
     null, where = np.asarray(setup.starts[0]), setup.structure.where
     which = setup.structure.mechanisms.index(m)
-    found = []
+    found: dict[str, list[Trial]] = {}
     for law in laws_that_can_act(setup, m, m.laws.index(state.laws[name])):
         free, laws = m.free_parameters(law), np.asarray(state.trial.laws).copy()
         laws[which] = law
-        found.append([])
+        begun = found[m.laws[law]] = []
         for start in m.starts:
             value = state.values
             for p, own in zip(m.parameters, start, strict=True):
                 if not p.fixed:
                     i = where[f"{name}.{p.name}"]
                     value[i] = own * unit(setup, p) if p in free else null[i]
-            found[-1].append(trial_at(setup, value, laws))
+            begun.append(trial_at(setup, value, laws))
     return found
 
 

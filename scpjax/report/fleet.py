@@ -179,14 +179,14 @@ def _effects_table(whole: Sequence[Member]) -> str:
 def _spread_table(found: Sequence[Spread]) -> str:
     rows = []
     for s in found:
-        ends = (number(float(s.values.min())), number(float(s.values.max())))
         error = s.std[np.isfinite(s.std)]
         typical = number(float(np.median(error)), 2) if error.size else "–"
+        ends = interval(float(s.values.min()), float(s.values.max()))
         scatter = percent(s.relative) if s.relative < 1e3 else "–"
         shared = f"{number(s.mean[0])} ({interval(*s.mean[1:])})" if np.isfinite(s.mean[0]) else "–"
-        rows.append((s.key, unit(s.unit), str(len(s.values)), number(s.median), *ends, typical, shared, scatter, _p(s)))
-    head = ("Parameter", "Unit", "In", "Median", "Least", "Greatest", "Typical error", "Mean (95 %)", "Scatter", "p")
-    return page.table(head, rows, (2, 3, 4, 5, 6, 7, 8, 9))
+        rows.append((s.key, unit(s.unit), str(len(s.values)), number(s.median), ends, typical, shared, scatter, _p(s)))
+    head = ("Parameter", "Unit", "In", "Median", "Range", "Typical error", "Mean (95 %)", "Scatter", "p")
+    return page.table(head, rows, (2, 3, 7, 8))
 
 
 def _stated_for(found: Sequence[Spread]) -> str:
