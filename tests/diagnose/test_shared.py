@@ -26,12 +26,16 @@ R, AMBIENT, PERIOD, NOISE = 1.5, 295.15, 0.4, 0.15
 
 
 @cache
-def warmed(alpha: float, conductance: float, mass: float, high: float, plan: int, count: int = 300) -> tuple:
-    """Volts and excess temperature [K]: C dT/dt = V^2 / (R (1 + alpha T)) - lambda T, a random level every 10 s."""
+def warmed(
+    alpha: float, conductance: float, mass: float, high: float, plan: int, dead: float = 0.0, count: int = 300
+) -> tuple:
+    """Volts and excess temperature [K]: C dT/dt = max(V - dead, 0)^2 / (R (1 + alpha T)) - lambda T, a random level
+    every 10 s.
+    """
     time = PERIOD * np.arange(count)
     levels = np.random.default_rng(plan).uniform(0.1, 1.0, int(time[-1] / 10) + 1) * high
     volts = levels[(time / 10 + 1e-9).astype(int)]
-    rate = lambda t, T, v: (v**2 / (R * (1 + alpha * T)) - conductance * T) / mass  # noqa: E731
+    rate = lambda t, T, v: (max(v - dead, 0) ** 2 / (R * (1 + alpha * T)) - conductance * T) / mass  # noqa: E731
     warm = [np.zeros(1)]
     for i in range(count - 1):
         found = solve_ivp(rate, (time[i], time[i + 1]), warm[-1], args=(volts[i],), rtol=1e-8, atol=1e-8)
@@ -39,9 +43,11 @@ def warmed(alpha: float, conductance: float, mass: float, high: float, plan: int
     return time, volts, np.concatenate(warm)
 
 
-def recording(name: str, alpha: float, conductance: float, mass: float, high: float, seed: int, plan: int) -> Recording:
+def recording(
+    name: str, alpha: float, conductance: float, mass: float, high: float, *, seed: int, plan: int, dead: float = 0.0
+) -> Recording:
     """Of one actuator, with noise."""
-    time, volts, warm = warmed(alpha, conductance, mass, high, plan)
+    time, volts, warm = warmed(alpha, conductance, mass, high, plan, dead)
     noise = NOISE * np.random.default_rng(1000 + seed).standard_normal(len(time))
     seen = {"temperature_degC": AMBIENT - 273.15 + warm + noise}
     known = (("resistance_ohm", R),)
@@ -49,15 +55,15 @@ def recording(name: str, alpha: float, conductance: float, mass: float, high: fl
     return Recording.from_arrays(time, {"voltage_V": volts}, seen, metadata=meta)
 
 
-def actuator(r: Recording, *, named: bool = True) -> Actuator:
-    """Fitted from its data, with copper where it is named."""
+def actuator(r: Recording, *, named: bool = True, name: str = COPPER, law: str = LAW) -> Actuator:
+    """Fitted from its data, with copper (or another mechanism) where it is named."""
     setup = prepare([r])
     parts = split(setup.data)
     trial, _, cost = best_start(setup, parts.train)
     state = State(setup, trial, residual_on(trial, parts.whole, setup), cost)
     if named:
-        found = by_law(state, COPPER, parts, close=np.inf).values()
-        state = next(s for s in found if s.laws[COPPER] == LAW)
+        found = by_law(state, name, parts, close=np.inf).values()
+        state = next(s for s in found if s.laws[name] == law)
     return Actuator(r.metadata.name, parts, state, {})
 
 
@@ -139,6 +145,29 @@ def test_where_each_has_its_own_nothing_is_shared(alike):
     assert effect.p < 1e-3
     assert not effect.elsewhere
     assert "differs from actuator to actuator" in effect.says
+
+
+def test_one_under_another_law_is_asked_under_that_of_most(alike):
+    bent = actuator(recording("bent", 0.0039, 0.12, 1.1, 3.3, seed=61, plan=4), law="voltage, curved")
+    (effect,) = shared_effects([bent, *alike[:3]])
+    assert effect.law == LAW
+    assert effect.actuators == ("bent", "a", "b", "c")
+    assert list(effect.parameters) == ["coefficient"]
+
+
+def test_values_stated_for_the_greatest_drive_are_stated_for_the_same():
+    """A driver that drops 0.8 V, whatever its actuator is driven with: a share of that which differs."""
+    made = enumerate(((0.1, 1.0, 3.4), (0.13, 1.2, 3.0), (0.08, 0.9, 2.6)))
+    recordings = [recording(f"r{i}", 0.0, *base, seed=90 + i, plan=i, dead=0.8) for i, base in made]
+    members = [actuator(r, name="drive_dead_zone", law="threshold") for r in recordings]
+    alone = [a.state.values[a.state.setup.structure.index["drive_dead_zone.threshold"]] for a in members]
+    assert max(alone) > 1.2 * min(alone)
+    (effect,) = shared_effects(members)
+    assert effect.is_shared
+    volts, threshold = effect.references["reference"], effect.parameters["threshold"]
+    assert volts == pytest.approx(np.median([r.inputs.max() for r in recordings]), rel=0.01)
+    assert threshold.low * volts < 0.8 < threshold.high * volts
+    assert threshold.std * volts < 0.02
 
 
 def test_an_equivalent_elsewhere_is_set_against_what_all_share(alike):
