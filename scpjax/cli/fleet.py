@@ -136,7 +136,11 @@ def _diagnose_all(job: _Job) -> None:
             raise _none(job.actuators, every[0].failure)
         found = spreads(every)
         odd = outliers(every, found)
-        shared = sharing(every, job.read, (lambda text: show(text, 0.99)) if show else lambda text: None)
+        try:
+            shared = sharing(every, job.read, (lambda text: show(text, 0.99)) if show else lambda text: None)
+        except KeyboardInterrupt as stop:
+            done = f"all {len(members)} actuators that could be diagnosed are in {job.out / EACH}"
+            raise KeyboardInterrupt(f"{done}; the same call goes on from there") from stop
         with staged(job.out) as folder:
             write_fleet_diagnosis(every, found, odd, folder, shared=shared, command=command_line(job.arguments.line))
     if kept:

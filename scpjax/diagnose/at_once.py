@@ -16,9 +16,10 @@ from scipy.optimize import least_squares
 from scpjax.abreast import abreast
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, moving_parameters, residual_on, trial_at, width
+from scpjax.errors import FitError
 from scpjax.fit.data import Data
 from scpjax.fit.fit import refine
-from scpjax.fit.identifiability import uncertainty
+from scpjax.fit.identifiability import at_limit, uncertainty
 from scpjax.fit.problem import Trial
 from scpjax.fit.result import Estimate
 from scpjax.fit.solve import evaluate, stack
@@ -65,9 +66,15 @@ def fit_at_once(states: Sequence[State], splits: Sequence[Split], name: str) -> 
     return Shared(inner, information, tuple(found), _estimates(whole[0], last, information))
 
 
-def held(state: State, split: Split, name: str, inner: np.ndarray) -> State:
-    """The hypothesis fitted to the training part with the values of a mechanism held."""
-    return _One(state, split.train, name).at(inner).state(split)
+def held(state: State, split: Split, name: str, inner: np.ndarray) -> State | None:
+    """The hypothesis fitted to the training part with the values of a mechanism held; None where they are beyond what
+    they may be in it, as those of times go with the recordings.
+    """
+    one = _One(state, split.train, name)
+    low, high = one.bounds()
+    if np.any((inner < low) | (inner > high)):
+        return None
+    return one.at(inner).with_values_held(split)
 
 
 def _middle(actuators: Sequence[_One]) -> np.ndarray:
@@ -88,15 +95,20 @@ def _bounds(actuators: Sequence[_One]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _solved(actuators: Sequence[_One], begun: np.ndarray) -> np.ndarray:
-    """The shared values of least squares."""
+    """The shared values of least squares, each actuator's residuals in units of what its own values leave of them."""
     low, high = _bounds(actuators)
+    if np.any(low >= high):
+        raise FitError("no value is within the bounds of all: their recordings are too different")
+    scale = abreast(lambda one: one.own.scale(), actuators)
 
     def projected(inner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         found = abreast(lambda one: one.at(inner).projected(), actuators)
-        rows = [(r, j, one.prior_rows()) for (r, j), one in zip(found, actuators, strict=True)]
-        for r, j, prior in rows[1:]:  # what is shared is held to be likely once
-            r[prior], j[prior] = 0.0, 0.0
-        return np.concatenate([r for r, _, _ in rows]), np.concatenate([j for _, j, _ in rows])
+        for i, ((r, j), one) in enumerate(zip(found, actuators, strict=True)):
+            n = one.data.target.size
+            r[:n], j[:n] = r[:n] / scale[i], j[:n] / scale[i]
+            if i:  # what is shared is held to be likely once
+                r[n + one.where], j[n + one.where] = 0.0, 0.0
+        return np.concatenate([r for r, _ in found]), np.concatenate([j for _, j in found])
 
     span = np.where(np.isfinite(high - low), high - low, 1.0)
     solution = least_squares(
@@ -126,10 +138,12 @@ def _estimates(one: _One, inner: np.ndarray, information: Sequence[np.ndarray]) 
             value, ends = float(np.exp(value)), np.exp(np.clip(ends, -700.0, 700.0))
             error *= value
         unit = one.start.setup.structure.unit_of(slot.parameter)
-        at_limit = bool(min(inner[i] - low[i], high[i] - inner[i]) < _LIMIT * (high[i] - low[i]))
+        stands_at_end = bool(min(inner[i] - low[i], high[i] - inner[i]) < _LIMIT * (high[i] - low[i]))
         p = slot.parameter
         short = key.split(".", 1)[1]
-        out[short] = Estimate(value, error, unit, float(ends[0]), float(ends[1]), p.description, p.symbol, at_limit)
+        out[short] = Estimate(
+            value, error, unit, float(ends[0]), float(ends[1]), p.description, p.symbol, stands_at_end
+        )
     return out
 
 
@@ -141,13 +155,13 @@ class _One:
         self.where = places(state, name)
         self.log = np.asarray(state.setup.space.bounds.log)[self.where]
         self.begun = np.asarray(state.setup.space.bounds.inner_of(state.values))[self.where]
-        self._last = _Fitted(self, state.trial)
+        self._last = self.own
         self._known: dict[bytes, _Fitted] = {}
 
     @property
     def own(self) -> _Fitted:
         """The actuator with the values that it has."""
-        return _Fitted(self, self.start.trial)
+        return _Fitted(self, self.start.trial, self.start)
 
     def at(self, inner: np.ndarray) -> _Fitted:
         """The actuator with these values of the mechanism, all else fitted, from where it stood last."""
@@ -160,10 +174,12 @@ class _One:
             active[self.where] = False
             fixed = setup.fixed.copy()
             fixed[self.where] = value[self.where]
-            trial = replace(setup, fixed=fixed).trial(value, active, laws, width(setup))
-            trial, _, _ = refine(setup, self.data, trial, max_steps=40)
+            holding = replace(setup, fixed=fixed)
+            trial, _, cost = refine(setup, self.data, holding.trial(value, active, laws, width(setup)), max_steps=40)
             rest = np.asarray(setup.space.values(trial.free, trial.fixed, trial.active))
-            self._last = self._known[key] = _Fitted(self, trial_at(setup, rest, laws))
+            nothing = np.full_like(self.start.residual, np.inf)
+            as_held = State(holding, trial, nothing, cost)
+            self._last = self._known[key] = _Fitted(self, trial_at(setup, rest, laws), as_held)
         return self._known[key]
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -172,20 +188,16 @@ class _One:
         mid, half, finite = (np.asarray(x)[self.where] for x in (b.mid, b.half, b.finite))
         return np.where(finite, mid - half, -np.inf), np.where(finite, mid + half, np.inf)
 
-    def prior_rows(self) -> np.ndarray:
-        """Which residuals are of the values' priors."""
-        return self.data.target.size + self.where
-
     def prior_information(self) -> np.ndarray:
         """What their priors know of the values."""
         return np.asarray(self.start.setup.space.prior_spread)[self.where] ** -2.0
 
 
 class _Fitted:
-    """An actuator where all but the shared values is at its best."""
+    """An actuator where all but the shared values is at its best: ``trial`` can move these too, ``held`` cannot."""
 
-    def __init__(self, one: _One, trial: Trial):
-        self.one, self.trial = one, trial
+    def __init__(self, one: _One, trial: Trial, held: State):
+        self.one, self.trial, self.held = one, trial, held
 
     def values(self) -> np.ndarray:
         """Physical values of everything."""
@@ -199,17 +211,27 @@ class _Fitted:
         return np.maximum(np.where(self.one.log, slope / self.values()[self.one.where], slope), 1e-9)
 
     def projected(self) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (m,), and their Jacobian (m, p) by the shared values, of what nothing else can make up for."""
-        one, index = self.one, np.asarray(self.trial.index)
-        here = evaluate(stack([self.trial]), one.data, one.start.setup.space)
+        """Residuals (m,), and their Jacobian (m, p) by the shared values, of what nothing else can make up for: what
+        stands at the end of its bounds cannot.
+        """
+        one, index, space = self.one, np.asarray(self.trial.index), self.one.start.setup.space
+        here = evaluate(stack([self.trial]), one.data, space)
         r, jac = np.array(here.residual[0]), np.asarray(here.jacobian[0])
         mine = np.array([int(np.flatnonzero(index == i)[0]) for i in one.where])
-        others = np.setdiff1d(np.arange(len(index)), mine)
+        stuck = np.append(at_limit(self.trial, space), False)[index]
+        others = np.setdiff1d(np.flatnonzero(~stuck), mine)
         rest = jac[:, others]
         size = np.linalg.norm(rest, axis=0)
         q, _ = np.linalg.qr(rest[:, size > 0] / size[size > 0])
         shared = jac[:, mine] / self._steepness()
         return r, shared - q @ (q.T @ shared)
+
+    def scale(self) -> float:
+        """Standard deviation of the residuals, in units of the noise's, as it counts for what is shared: with what
+        their colour adds to it.
+        """
+        doubt = uncertainty(self.trial, self.one.data, self.one.start.setup.space)
+        return float(np.sqrt(max(doubt.variance * doubt.inflation, 1e-12)))
 
     def information(self) -> np.ndarray:
         """What the actuator's data know of the shared values (p, p), on their inner scale, all else unknown."""
@@ -224,3 +246,9 @@ class _Fitted:
         setup = self.one.start.setup
         residual = residual_on(self.trial, split.whole, setup)
         return State(setup, self.trial, residual, float(np.sum(residual[split.is_train] ** 2)))
+
+    def with_values_held(self, split: Split) -> State:
+        """As a hypothesis, of which the shared values do not move."""
+        held = self.held
+        residual = residual_on(held.trial, split.whole, held.setup)
+        return replace(held, residual=residual, cost=float(np.sum(residual[split.is_train] ** 2)))

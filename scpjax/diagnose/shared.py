@@ -24,18 +24,20 @@ from scpjax.errors import ScpjaxError
 from scpjax.fit.colour import Whitener
 from scpjax.fit.fit import refine
 from scpjax.fit.result import Estimate
-from scpjax.fit.setup import UNKNOWN_POWER, Setup, laws_that_can_act
-from scpjax.physics.catalogue import mechanism
+from scpjax.fit.setup import UNKNOWN_POWER, Setup, what_there_is
+from scpjax.fit.solve import make_room
+from scpjax.physics.catalogue import applicable, mechanism
 from scpjax.recordings.recording import Recording
 
 _APART = 0.01  # p-value of the same values in all, below which some have others
-HAS_IT, HAS_NOT, OPEN = "has it", "has it not", "cannot be told"
+_ELECTRIC = {"electric", "voltage", "current"}  # needs of what acts on the drive, whose values are in its unit
+HAS_IT, HAS_NOT, OPEN = "has it", "not with these values", "cannot be told"
 """What is said of an actuator in which a shared effect was not named."""
 
 
 @dataclass(frozen=True)
 class Sharing:
-    """What a fleet shares; ``left_out``: why an actuator could not be asked, by name."""
+    """What a fleet shares; ``left_out``: why an actuator, or an effect in it, could not be asked, by what that is."""
 
     effects: tuple[SharedEffect, ...] = ()
     left_out: Mapping[str, str] = field(default_factory=dict)
@@ -46,13 +48,14 @@ class Elsewhere:
     """A shared effect in an actuator in which it was not named: ``says`` whether it `HAS_IT`, by the ``evidence`` of
     all its samples, BIC of what was fitted and twice the log likelihood of what was held out: none of the shared values
     is fitted there. ``held_out_gain``: share by which the held-out RMS misfit falls; ``in_place_of``: what was named
-    there and could stand in for it.
+    there and could stand in for it; ``why`` it cannot be told, where it was not asked.
     """
 
     says: str
-    evidence: float
-    held_out_gain: float
+    evidence: float = 0.0
+    held_out_gain: float = 0.0
     in_place_of: str = ""
+    why: str = ""
 
 
 @dataclass(frozen=True)
@@ -77,15 +80,22 @@ class SharedEffect:
 
     @property
     def is_shared(self) -> bool:
-        """Whether there is more evidence for the same values than for each its own."""
-        return self.delta_bic > 0
+        """Whether there is more evidence for the same values than for each its own, nor are they unlikely."""
+        return self.delta_bic > 0 and self.p >= _APART
+
+    @property
+    def differs(self) -> bool:
+        """Whether the same values in all are unlikely."""
+        return self.p < _APART
 
     @property
     def says(self) -> str:
         """What is shared, or not, in a sentence."""
         what = f"{self.name} ({self.law})" if self.law else self.name
-        if not self.is_shared:
+        if self.differs:
             return f"{what} differs from actuator to actuator: one set of values does not serve all ({self._evidence})."
+        if not self.is_shared:
+            return f"{what}: whether one set of values serves all cannot be told ({self._evidence})."
         values = ", ".join(
             f"{e.symbol or k} = {e.value:.3g} ({e.low:.3g} to {e.high:.3g}) {'' if e.unit == '1' else e.unit}".rstrip()
             for k, e in self.parameters.items()
@@ -104,8 +114,10 @@ class SharedEffect:
         return f"BIC {self.delta_bic:+.3g} for it, {chance}"
 
     def having(self, says: str) -> tuple[str, ...]:
-        """Actuators of which that is said."""
-        return tuple(name for name, e in self.elsewhere.items() if e.says == says)
+        """Actuators of which that is said; of one in which something else was named, in the place of what."""
+        found = {name: e for name, e in self.elsewhere.items() if e.says == says}
+        instead = {n: f" (in the place of {e.in_place_of})" if e.in_place_of else "" for n, e in found.items()}
+        return tuple(f"{name}{instead[name]}" for name in found)
 
 
 def sharing(
@@ -118,46 +130,84 @@ def sharing(
     """
     if not any(len(names) > 1 for names in effects(members).values()):
         return Sharing()
-    actuators, left_out = [], {}
+    actuators: list[Actuator] = []
+    left_out: dict[str, str] = {}
     for m in members:
         if m.content is None:
             continue
         tell(f"{m.name} as it was diagnosed")
+        make_room()
         try:
             actuators.append(rebuilt(m.name, m.content, recordings[m.name]))
-        except ScpjaxError as error:  # of one; the others are asked all the same
+        except (ScpjaxError, np.linalg.LinAlgError) as error:  # of one; the others are asked all the same
             left_out[m.name] = str(error)
-    return Sharing(shared_effects(actuators, tell=tell), left_out)
+    found = shared_effects(actuators, tell=tell)
+    return Sharing(found.effects, {**left_out, **found.left_out})
 
 
 def shared_effects(
     actuators: Sequence[Actuator], rules: Evidence | None = None, tell: Callable[[str], None] = lambda text: None
-) -> tuple[SharedEffect, ...]:
+) -> Sharing:
     """Of every mechanism that two actuators or more have: whether the same values serve all, which they are with their
-    errors, and whether the others have it too. What all recordings of an actuator do not share is left out, and what is
-    known only up to an unknown power.
+    errors, and whether the others have it too. Left out, with the reason, is what the recordings of an actuator do not
+    share among themselves, what is stated in another unit, under a law that cannot act, or up to an unknown power.
     """
     rules = rules or Evidence()
     names = dict.fromkeys(name for a in actuators for name in a.state.names)
-    found = []
+    found: list[SharedEffect] = []
+    left: dict[str, str] = {}
     for name in names:
-        able = [a for a in actuators if name in a.state.names and _is_one(a, name)]
-        if len(able) < 2:
+        have = [a for a in actuators if name in a.state.names]
+        if len(have) < 2:
             continue
-        tell(f"{name.replace('_', ' ')} in {len(able)} actuators at once")
-        law = _usual_law(able, name)
-        members = _alike([_with_references(_under(a, name, law), name, _references(able, name)) for a in able], name)
-        if len(members) < 2 or not _is_comparable(members, name):
+        tell(f"{name.replace('_', ' ')} in {len(have)} actuators at once")
+        make_room()
+        try:
+            effect = _effect(have, [a for a in actuators if a not in have], name, rules, left, tell)
+        except (ScpjaxError, np.linalg.LinAlgError) as error:  # of one effect; the others are asked all the same
+            left[name] = str(error)
             continue
-        own = {a.name: a for a in able}
-        effect, shared = _served(members, own, name)
-        others = [a for a in actuators if name not in a.state.names] if effect.is_shared else []
-        elsewhere = {}
-        for a in others:
-            tell(f"{name.replace('_', ' ')} in {a.name}")
-            elsewhere[a.name] = _elsewhere(a, effect, shared.inner, rules)
-        found.append(replace(effect, elsewhere=elsewhere))
-    return tuple(found)
+        found += [effect] if effect else []
+    return Sharing(tuple(found), left)
+
+
+def _effect(
+    have: Sequence[Actuator],
+    others: Sequence[Actuator],
+    name: str,
+    rules: Evidence,
+    left: dict[str, str],
+    tell: Callable[[str], None],
+) -> SharedEffect | None:
+    """What those that ``have`` a mechanism share of it, asked of the ``others``; ``left`` collects who was not asked.
+    None where fewer than two can be.
+    """
+
+    def leave(apart: Sequence[Actuator], why: str) -> None:
+        left.update({f"{name} in {a.name}": why for a in apart})
+
+    able = [a for a in have if _is_one(a, name)]
+    leave([a for a in have if a not in able], "it differs by recording there")
+    if len(able) < 2:
+        return None
+    law = _usual_law(able, name)
+    under = [_under(a, name, law) for a in able]
+    usual = _usual([_form(a.state, name) for a in under])
+    members = [a for a in under if _form(a.state, name) == usual]
+    leave([a for a in under if a not in members], "its law, its sides or the unit of its drive differ from the others'")
+    if _is_scaled(members, name):
+        leave(members, "it is known only up to the power that the drive makes")
+        return None
+    if len(members) < 2:
+        return None
+    references = _references(members, name)
+    effect, shared = _served([_with_references(a, name, references) for a in members], {a.name: a for a in able}, name)
+    elsewhere = {}
+    for a in others if effect.is_shared else ():
+        tell(f"{name.replace('_', ' ')} in {a.name}")
+        make_room()
+        elsewhere[a.name] = _elsewhere(a, effect, shared.inner, members, rules)
+    return replace(effect, elsewhere=elsewhere)
 
 
 def _is_one(a: Actuator, name: str) -> bool:
@@ -218,20 +268,28 @@ def _fitted(state: State, parts: Split, value: np.ndarray, fixed: np.ndarray) ->
     return State(setup, trial, residual_on(trial, parts.whole, setup), cost)
 
 
-def _alike(members: Sequence[Actuator], name: str) -> list[Actuator]:
-    """Those that have a mechanism as most do: under the same law, with the same drive, by side or not."""
-    have = [(keys(a.state, name), a.state.laws[name], a.state.setup.structure.drive) for a in members]
-    usual = max(dict.fromkeys(have), key=have.count)
-    return [a for a, mine in zip(members, have, strict=True) if mine == usual]
+def _form(state: State, name: str) -> tuple[object, ...]:
+    """What is the same wherever values of a mechanism mean the same: its law, its parameters (by side, or not), their
+    units, and of what acts on the drive, what that is.
+    """
+    structure, m = state.setup.structure, state.setup.structure.mechanism(name)
+    law = m.laws.index(state.laws[name])
+    drive = structure.drive if _ELECTRIC & {*m.needs, *m.law_needs.get(law, ())} else ""
+    units = tuple(structure.unit_of(p) for p in m.free_parameters(law))
+    return keys(state, name), state.laws[name], units, drive
 
 
-def _is_comparable(members: Sequence[Actuator], name: str) -> bool:
-    """Whether the values of a mechanism mean the same in all: not in watts or joules of a power that is not known."""
+def _usual(forms: Sequence[tuple[object, ...]]) -> tuple[object, ...]:
+    return max(dict.fromkeys(forms), key=forms.count)
+
+
+def _is_scaled(members: Sequence[Actuator], name: str) -> bool:
+    """Whether the values of a mechanism are in watts or joules, and the power of one actuator is not known."""
     state = members[0].state
     m = state.setup.structure.mechanism(name)
     units = [p.unit for p in m.free_parameters(m.laws.index(state.laws[name]))]
     unknown = any(n.startswith(UNKNOWN_POWER) for a in members for n in a.state.setup.notes)
-    return not (unknown and any(u.startswith(("W", "J")) for u in units))
+    return unknown and any(u.startswith(("W", "J")) for u in units)
 
 
 def _served(members: list[Actuator], own: Mapping[str, Actuator], name: str) -> tuple[SharedEffect, Shared]:
@@ -241,11 +299,19 @@ def _served(members: list[Actuator], own: Mapping[str, Actuator], name: str) -> 
     everyone = first = _together(members, own, name)
     left, apart = list(members), []
     while first[0].p < _APART and len(left) > max(2, len(members) // 2 + 1):
-        asks = [_asks(own[a.name], s)[0] for a, s in zip(left, first[1].states, strict=True)]
-        apart.append(left.pop(int(np.argmax(asks))).name)
+        apart.append(left.pop(_farthest(left, own, first[1])).name)
         first = _together(left, own, name)
-    effect, shared = first if first[0].p >= _APART else everyone
-    return (replace(effect, apart=tuple(apart)), shared) if first[0].p >= _APART else everyone
+    if first[0].p < _APART:
+        return everyone
+    return replace(first[0], apart=tuple(apart)), first[1]
+
+
+def _farthest(members: Sequence[Actuator], own: Mapping[str, Actuator], shared: Shared) -> int:
+    """Which actuator asks most for values of its own, by what it would ask for if it had no part in the shared ones."""
+    total = np.linalg.pinv(sum(shared.information), hermitian=True)
+    part = [float(np.trace(i @ total)) / len(shared.inner) for i in shared.information]
+    asks = [_asks(own[a.name], s)[0] for a, s in zip(members, shared.states, strict=True)]
+    return int(np.argmax([ask / max(1.0 - h, 1e-3) for ask, h in zip(asks, part, strict=True)]))
 
 
 def _together(members: Sequence[Actuator], own: Mapping[str, Actuator], name: str) -> tuple[SharedEffect, Shared]:
@@ -253,7 +319,7 @@ def _together(members: Sequence[Actuator], own: Mapping[str, Actuator], name: st
     shared = fit_at_once([a.state for a in members], [a.parts for a in members], name)
     asks = [_asks(own[a.name], s) for a, s in zip(members, shared.states, strict=True)]
     number, count = len(shared.inner), [n for _, n in asks]
-    lost = sum(gain for gain, _ in asks)
+    lost = max(sum(gain for gain, _ in asks), 0.0)
     free = [len(keys(own[a.name].state, name)) for a in members]
     delta = float(np.dot(free, np.log(count)) - number * np.log(sum(count)) - lost)
     state = members[0].state
@@ -266,7 +332,7 @@ def _together(members: Sequence[Actuator], own: Mapping[str, Actuator], name: st
         (),
         shared.estimates,
         delta,
-        float(chdtrc(max(sum(free) - number, 1), max(lost, 0.0))),
+        float(chdtrc(max(sum(free) - number, 1), lost)),
         (_held_out([own[a.name].state for a in members], members), _held_out(shared.states, members)),
         {r: float(state.values[where[f"{name}.{r}"][0]]) for r in fixed},
     )
@@ -274,9 +340,9 @@ def _together(members: Sequence[Actuator], own: Mapping[str, Actuator], name: st
 
 
 def _held_out(states: Sequence[State], actuators: Sequence[Actuator]) -> float:
-    """RMS residual of the held-out stretches of all, in units of the noise."""
-    every = [s.residual[a.parts.is_held] for s, a in zip(states, actuators, strict=True)]
-    return float(np.sqrt(np.mean(np.concatenate(every) ** 2)))
+    """RMS residual of the held-out stretches of all, in units of the noise; no number where nothing is held out."""
+    every = np.concatenate([s.residual[a.parts.is_held] for s, a in zip(states, actuators, strict=True)])
+    return float(np.sqrt(np.mean(every**2))) if every.size else float("nan")
 
 
 def _asks(own: Actuator, state: State) -> tuple[float, int]:
@@ -289,26 +355,31 @@ def _asks(own: Actuator, state: State) -> tuple[float, int]:
     return (without - with_own) / max(with_own / max(n, 1), white.floor), n
 
 
-def _elsewhere(a: Actuator, effect: SharedEffect, inner: np.ndarray, rules: Evidence) -> Elsewhere:
-    """What shared values do in an actuator in which the effect was not named: beside what was, or in the place of what
-    could stand in for it.
+def _elsewhere(
+    a: Actuator, effect: SharedEffect, inner: np.ndarray, members: Sequence[Actuator], rules: Evidence
+) -> Elsewhere:
+    """What shared values do in an actuator in which the effect was not named: beside what was, and in the place of what
+    could stand in for it; of these what has more evidence.
     """
     m, state = mechanism(effect.name), a.state
-    instead = next((n for n, others in a.stand_ins.items() if effect.name in others and n in state.names), "")
-    setup = reduced(state.setup, instead) if instead else state.setup
-    problem = grown(setup, m)
-    law = m.laws.index(effect.law)
-    if law not in laws_that_can_act(problem, m):
-        return Elsewhere(OPEN, 0.0, 0.0, instead)
-    begun = _begun(state, problem, effect)
-    if tuple(key.split(".", 1)[1] for key in keys(begun[0], m.name)) != tuple(effect.parameters):  # by side there
-        return Elsewhere(OPEN, 0.0, 0.0, instead)
-    best = min((held(b, a.parts, m.name, inner) for b in begun), key=lambda s: s.cost)
-    extra = moving(best) - len(inner) - moving(state)  # the shared values are not of this actuator
-    found = compare(state, best, "", effect.law, a.parts, rules, extra)
-    evidence = found.delta_bic + found.held_out_excess
-    says = HAS_IT if evidence > rules.bic else HAS_NOT if evidence < -rules.bic else OPEN
-    return Elsewhere(says, evidence, found.held_out_gain, instead)
+    instead = [n for n, others in a.stand_ins.items() if effect.name in others and n in state.names]
+    found: list[Elsewhere] = []
+    for place in ("", *instead):
+        problem = grown(reduced(state.setup, place) if place else state.setup, m)
+        if not applicable(m, what_there_is(problem.structure, problem.recordings), m.laws.index(effect.law)):
+            return Elsewhere(OPEN, why="it cannot act there, or not be seen")
+        begun = _begun(state, problem, effect)
+        if _form(begun[0], m.name) != _form(members[0].state, m.name) or _is_scaled([*members, a], m.name):
+            return Elsewhere(OPEN, why="its values would mean something else there")
+        fitted = [after for b in begun if (after := held(b, a.parts, m.name, inner)) is not None]
+        if not fitted:
+            return Elsewhere(OPEN, why="its values are beyond what they may be there")
+        best = min(fitted, key=lambda s: s.cost)
+        what = compare(state, best, "", effect.law, a.parts, rules, moving(best) - moving(state))
+        evidence = what.delta_bic + what.held_out_excess
+        says = HAS_IT if evidence > rules.bic else HAS_NOT if evidence < -rules.bic else OPEN
+        found.append(Elsewhere(says, evidence, what.held_out_gain, place))
+    return max(found, key=lambda e: e.evidence)
 
 
 def _begun(state: State, problem: Setup, effect: SharedEffect) -> list[State]:

@@ -13,8 +13,9 @@ from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, from_their_starts, moved, owned_by, reduced, residual_on, trial_at, unit
 from scpjax.diagnose.remainder import at_noise
 from scpjax.fit.problem import CEILING, Trial
-from scpjax.fit.setup import Setup, laws_that_can_act, restructured
+from scpjax.fit.setup import Setup, laws_that_can_act, restructured, what_there_is
 from scpjax.fit.solve import solve_all
+from scpjax.physics.catalogue import applicable
 
 SAME = 0.5  # RMS difference of predictions, in units of the noise, up to which they are the same
 _BY_STEPS = 0.25  # of what a closure changes, that may be due to the integrator's steps
@@ -109,39 +110,45 @@ def under_every_law(state: State, name: str, split: Split, *, hurried: bool = Fa
     """The hypothesis with one of its mechanisms fitted again under every law and from every start, all else from where
     it stands; the best of them. ``hurried``: what is behind after a few steps is left there.
     """
-    trials = [trial for trials in _law_by_law(state, name).values() for trial in trials]
+    trials = [trial for trials in _law_by_law(state, name) for trial in trials]
     return _leading_at_rest(state.setup, split, trials, _LEADS) if hurried else at_rest(state.setup, split, trials)
 
 
 def under_each_law(state: State, name: str, split: Split) -> list[State]:
     """As `under_every_law`, the best under each of them."""
-    return [at_rest(state.setup, split, trials) for trials in _law_by_law(state, name).values()]
+    return [at_rest(state.setup, split, trials) for trials in _law_by_law(state, name)]
 
 
 def under_law(state: State, name: str, law: str, split: Split) -> State | None:
     """As `under_every_law`, under one of them; None where it cannot act."""
-    trials = _law_by_law(state, name).get(law)
-    return at_rest(state.setup, split, trials) if trials else None
+    setup, m = state.setup, state.setup.structure.mechanism(name)
+    if not applicable(m, what_there_is(setup.structure, setup.recordings), m.laws.index(law)):
+        return None
+    return at_rest(setup, split, _at_every_start(state, name, m.laws.index(law)))
 
 
-def _law_by_law(state: State, name: str) -> dict[str, list[Trial]]:
-    """Of each law that can act, one of its mechanisms at every start and all else where it stands."""
+def _law_by_law(state: State, name: str) -> list[list[Trial]]:
+    """Of each law that can act and is sought from the one it has, `_at_every_start`."""
+    m = state.setup.structure.mechanism(name)
+    able = laws_that_can_act(state.setup, m, m.laws.index(state.laws[name]))
+    return [_at_every_start(state, name, law) for law in able]
+
+
+def _at_every_start(state: State, name: str, law: int) -> list[Trial]:
+    """One of the mechanisms under a law at every start and all else where it stands."""
     setup, m = state.setup, state.setup.structure.mechanism(name)
     null, where = np.asarray(setup.starts[0]), setup.structure.where
-    which = setup.structure.mechanisms.index(m)
-    found: dict[str, list[Trial]] = {}
-    for law in laws_that_can_act(setup, m, m.laws.index(state.laws[name])):
-        free, laws = m.free_parameters(law), np.asarray(state.trial.laws).copy()
-        laws[which] = law
-        begun = found[m.laws[law]] = []
-        for start in m.starts:
-            value = state.values
-            for p, own in zip(m.parameters, start, strict=True):
-                if not p.fixed:
-                    i = where[f"{name}.{p.name}"]
-                    value[i] = own * unit(setup, p) if p in free else null[i]
-            begun.append(trial_at(setup, value, laws))
-    return found
+    free, laws = m.free_parameters(law), np.asarray(state.trial.laws).copy()
+    laws[setup.structure.mechanisms.index(m)] = law
+    begun = []
+    for start in m.starts:
+        value = state.values
+        for p, own in zip(m.parameters, start, strict=True):
+            if not p.fixed:
+                i = where[f"{name}.{p.name}"]
+                value[i] = own * unit(setup, p) if p in free else null[i]
+        begun.append(trial_at(setup, value, laws))
+    return begun
 
 
 def under_both_their_laws(state: State, pair: tuple[str, str], split: Split) -> list[State]:

@@ -18,7 +18,9 @@ _DETERMINED = 0.25  # standard deviation of a parameter, of half the range of it
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Covariance of the moving entries (``free`` scale), per-entry standard deviation, and open directions."""
+    """Covariance of the moving entries (``free`` scale), per-entry standard deviation, and open directions; in units of
+    the noise's, the ``variance`` of the residuals, and by how much (``inflation``) their colour adds to it.
+    """
 
     keys: tuple[str, ...]
     covariance: np.ndarray
@@ -26,6 +28,7 @@ class Uncertainty:
     rank: int
     open_directions: tuple[str, ...]
     inflation: float
+    variance: float
 
 
 def correlation_time(residual: np.ndarray, there: np.ndarray) -> float:
@@ -89,7 +92,7 @@ def uncertainty(
     covariance = np.linalg.pinv(information, rcond=1e-14, hermitian=True)
     keys = tuple(space.keys[i] for i in index[real])
     rank, words = _open_directions(jac[:n] * weight[:n, None], keys, trial, space, index[real])
-    return Uncertainty(keys, covariance, np.sqrt(np.maximum(np.diag(covariance), 0)), rank, words, factor)
+    return Uncertainty(keys, covariance, np.sqrt(np.maximum(np.diag(covariance), 0)), rank, words, factor, variance)
 
 
 def _open_directions(

@@ -98,13 +98,13 @@ _VALUES = (
     "all makes it, with its interval."
 )
 _SHARED = (
-    "Every effect named in two actuators or more is fitted once more to all of these at once: each with a base of its "
+    "An effect named in two actuators or more is fitted once more to all of these at once: each with a base of its "
     "own, the effect with the same values in all. ΔBIC: for the same values against each its own. p: of values that "
     "differ as much or more if all had the same (likelihood ratio). Held-out error: of all, over the noise, each "
     "with its own values → with the shared ones. Where an effect was not named it is asked for with the shared values, "
-    "none of them fitted there: has it, has it not, or cannot be told."
+    "none of them fitted there; it may have one of another size."
 )
-_LEFT_OUT = "Not asked, as their models could not be fitted again from their diagnoses:"
+_LEFT_OUT = "Not asked:"
 
 
 def matrix(members: Sequence[Member]) -> Figure:
@@ -205,8 +205,8 @@ def _shared(shared: Sharing) -> list[str]:
         )
         all_ = f"{len(e.actuators)}" + (f", apart: {', '.join(e.apart)}" if e.apart else "")
         chance = "< 0.001" if e.p < 1e-3 else f"{e.p:.3f}"
-        held = " → ".join(f"{h:.3f}" for h in e.held_out)
-        one = "yes" if e.is_shared else "no"
+        held = " → ".join(f"{h:.3f}" if math.isfinite(h) else "–" for h in e.held_out)
+        one = "yes" if e.is_shared else "no" if e.differs else "open"
         where = "; ".join(f"{says}: {', '.join(n)}" for says in (HAS_IT, HAS_NOT, OPEN) if (n := e.having(says)))
         name = title(e.name) + (f" ({e.law})" if e.law else "")
         rows.append((name, all_, one, values, number(e.delta_bic), chance, held, where or "–"))

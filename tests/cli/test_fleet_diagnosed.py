@@ -47,7 +47,7 @@ def rig(tmp_path, monkeypatch):
 
 
 def _made_by_hand(name, content, recordings):
-    raise FitError("it was made by hand", where=name)
+    raise FitError("it was made by hand")
 
 
 def test_what_the_fleet_shares_is_told(rig, monkeypatch, capsys):
@@ -58,7 +58,7 @@ def test_what_the_fleet_shares_is_told(rig, monkeypatch, capsys):
 
     def shared_effects(actuators, tell):
         asked.extend(actuators)
-        return (effect,)
+        return shared.Sharing((effect,), {"friction in e": "it differs by recording there"})
 
     monkeypatch.setattr(shared, "shared_effects", shared_effects)
     monkeypatch.setattr(shared, "rebuilt", lambda name, content, recordings: (name, len(recordings)))
@@ -73,9 +73,23 @@ def test_what_the_fleet_shares_is_told(rig, monkeypatch, capsys):
     assert says in content["says"]
     (told,) = content["shared"]
     assert (told["name"], told["actuators"], told["apart"]) == ("creep", ["a", "c"], ["e"])
-    assert told["elsewhere"]["b"] == {"says": "has it", "evidence": 19.5, "held_out_gain": 0.02, "in_place_of": ""}
+    assert told["elsewhere"]["b"] == {
+        "says": "has it",
+        "evidence": 19.5,
+        "held_out_gain": 0.02,
+        "in_place_of": "",
+        "why": "",
+    }
+    assert content["shared_left_out"] == {"friction in e": "it differs by recording there"}
     page = Path("out/report.html").read_text()
-    for words in ("Shared by the fleet", "2, apart: e", "1.010 → 1.000", "has it: b; cannot be told: c"):
+    for words in (
+        "Shared by the fleet",
+        "2, apart: e",
+        "1.010 → 1.000",
+        "has it: b; cannot be told: c",
+        "Not asked",
+        "friction in e",
+    ):
         assert words in page
 
 
@@ -83,8 +97,8 @@ def test_what_cannot_be_fitted_again_is_told(rig):
     assert main([*FLEET, "--quiet"]) == 0
     content = json.loads(Path("out/fleet.json").read_text())
     assert content["shared"] == []
-    assert content["shared_left_out"] == {n: f"{n}: it was made by hand" for n in "abce"}
-    assert "a: it was made by hand" in Path("out/report.html").read_text()
+    assert content["shared_left_out"] == dict.fromkeys("abce", "it was made by hand")
+    assert ">a: it was made by hand<" in Path("out/report.html").read_text()
 
 
 def test_the_page_says_what_is_in_which(rig, capsys):
@@ -160,6 +174,20 @@ def test_a_call_that_is_stopped_keeps_what_it_has(rig, monkeypatch, capsys):
     rig.clear()
     assert main([*FLEET, "--quiet"]) == 0
     assert rig == ["c", "d", "e"]
+
+
+def test_a_call_that_is_stopped_while_it_asks_what_is_shared_keeps_what_it_has(rig, monkeypatch, capsys):
+    def stopped(name, content, recordings):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(shared, "rebuilt", stopped)
+    assert main([*FLEET]) == 130
+    said = capsys.readouterr().err
+    assert "all 4 actuators that could be diagnosed are in out/actuators; the same call goes on from there" in said
+    monkeypatch.setattr(shared, "rebuilt", _made_by_hand)
+    rig.clear()
+    assert main([*FLEET, "--quiet"]) == 0
+    assert rig == ["d"]
 
 
 def test_nothing_to_diagnose_is_one_line(rig, capsys):
