@@ -21,6 +21,7 @@ from scpjax.diagnose.shared import HAS_IT, HAS_NOT, OPEN, SharedEffect, shared_e
 from scpjax.errors import FitError
 from scpjax.fit.fit import best_start, scores
 from scpjax.fit.setup import prepare
+from scpjax.recordings.excitation import multilevel_random
 from scpjax.recordings.recording import Metadata, Recording
 
 COPPER, LAW, KEY = "resistance_temperature", "voltage", "resistance_temperature.coefficient"
@@ -34,12 +35,11 @@ def warmed(
     """Volts and excess temperature [K]: C dT/dt = max(V - dead, 0)^2 / (R (1 + alpha T)) - lambda T, a random level
     every 10 s.
     """
-    time = PERIOD * np.arange(count)
-    levels = np.random.default_rng(plan).uniform(0.1, 1.0, int(time[-1] / 10) + 1) * high
-    volts = levels[(time / 10 + 1e-9).astype(int)]
+    low, duration = 0.1 * high, PERIOD * count
+    time, volts = multilevel_random(duration_s=duration, period_s=PERIOD, low=low, high=high, hold_s=10, seed=plan)
     rate = lambda t, T, v: (max(v - dead, 0) ** 2 / (R * (1 + alpha * T)) - conductance * T) / mass  # noqa: E731
     warm = [np.zeros(1)]
-    for i in range(count - 1):
+    for i in range(len(time) - 1):
         found = solve_ivp(rate, (time[i], time[i + 1]), warm[-1], args=(volts[i],), rtol=1e-8, atol=1e-8)
         warm.append(found.y[:, -1])
     return time, volts, np.concatenate(warm)
