@@ -42,8 +42,11 @@ def write_page(
     commit: str,
     of: int,
     asked: Sequence[str] = (),
+    first: Sequence[Score] = (),
 ) -> Path:
-    """``concealed.md`` and ``concealed/*.svg`` in a folder; ``commit``: of all answers."""
+    """``concealed.md`` and ``concealed/*.svg`` in a folder; ``commit``: of all answers; ``first``: what was answered at
+    first where a case was asked again.
+    """
     pictures = folder / "concealed"
     pictures.mkdir(parents=True, exist_ok=True)
     text = [
@@ -51,7 +54,7 @@ def write_page(
         f"{len(scores)} of the plan's {of} cases (see [how it was made](#how-it-was-made)).\n",
         _WHAT.format(held=_held()),
         "## What was asked\n",
-        *_goals(scores, commit),
+        *_goals(scores, commit, first),
         "## What was said\n",
         "A row is what was concealed, a column what was named (equivalents count as right).\n",
         f"![Confusion]({draw_confusion(scores, pictures)})\n",
@@ -97,9 +100,9 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     return "\n".join([*lines, *(f"| {' | '.join(map(str, row))} |" for row in rows)]) + "\n"
 
 
-def _goals(scores: Sequence[Score], commit: str) -> list[str]:
+def _goals(scores: Sequence[Score], commit: str, first: Sequence[Score]) -> list[str]:
     rows = []
-    new = [s for s in scores if s.first]
+    new = [*(s for s in scores if s.first), *first]
     for g, unseen in zip(goals(scores), goals(new), strict=True):
         low, high = g.interval()
         sign = "at most" if g.at_most else "at least"
@@ -109,8 +112,9 @@ def _goals(scores: Sequence[Score], commit: str) -> list[str]:
     by = ", ".join(c for c in commit.split(", ") if c in {s.commit for s in new})
     say = (
         f"Of {len(new)} cases it is noted that the engine was asked them for the first time{by and f' ({by})'}; they "
-        "are counted apart, too, until they are run again. Of the others that was not noted, or it had been run on "
-        "them before. It was changed after most of either, with some in view: `fits/concealed/seen.txt` tells.\n"
+        f"are counted apart, too, with what was said then: {len(first)} of them were asked again since, and count with "
+        "their last answer elsewhere. Of the others that was not noted, or it had been run on them before. It was "
+        "changed after most of either, with some in view: `fits/concealed/seen.txt` tells.\n"
     )
     return [say, _table(("", "asked", "found (95 % interval)", "asked first", "met"), rows)]
 

@@ -143,6 +143,15 @@ class Run:
             known |= {n: float("inf") if e is None else e for n, e in errors.items() if n not in known}
         return found, others
 
+    def first_answers(self, found: Sequence[Score]) -> list[Score]:
+        """The first answers of cases that the engine was asked again later, changed with some of them in view: what
+        it had said is not forgotten.
+        """
+        first = {row["name"]: Score.read(row) for row in self.earlier.get("cases", ()) if row["first"]}
+        first |= {row["name"]: Score.read(row) for row in self.earlier.get("first_answers", ())}
+        again = {s.name for s in found if not s.first}
+        return [s for name, s in first.items() if name in again]
+
     def commits(self) -> str:
         """Of the package, by which the answers that are there were given, and the earlier ones."""
         answers = (self.store.read(c.name, "scpjax", self.sealed[c.name]) for c in self.cases)
@@ -152,6 +161,7 @@ class Run:
     def report(self, docs: Path | None) -> list[Score]:
         """Write ``results.json``, the page and its figures."""
         found, others = self.scores()
+        first = self.first_answers(found)
         content = {
             "schema": "scpjax.concealed/1",
             "commit": self.commits(),
@@ -163,11 +173,12 @@ class Run:
                 for g in goals(found)
             ],
             "cases": [s.plain() for s in found],
+            "first_answers": [s.plain() for s in first],
             "baselines": {m: {n: v if v < float("inf") else None for n, v in e.items()} for m, e in others.items()},
         }
         write_whole(self.out / "results.json", content)
         for folder in filter(None, (self.out, docs)):
-            write_page(folder, found, others, commit=self.commits(), of=len(plan()), asked=self.options())
+            write_page(folder, found, others, commit=self.commits(), of=len(plan()), asked=self.options(), first=first)
         if docs is not None:
             write_whole(docs / "concealed" / "results.json", content)
         return found

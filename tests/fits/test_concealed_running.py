@@ -62,6 +62,26 @@ def test_it_goes_on_where_it_was_stopped(case, monkeypatch):
     assert not list((out / "answers").glob("*.part"))
 
 
+def test_what_was_said_first_is_kept_when_a_case_is_asked_again(case, tmp_path, monkeypatch):
+    out, chosen = case
+    shutil.copytree(out / "cases", tmp_path / "cases")
+    monkeypatch.setattr(program, "seen", frozenset)
+    kept = {"kept": {}}
+    monkeypatch.setattr(Worker, "ask", lambda self, job: said("friction") | kept)
+    earlier = None
+    for turn, name in enumerate(("", "creep", "slack")):
+        run = program.Run([chosen], tmp_path, way="library", methods=["scpjax"], limit=1.0, earlier=earlier)
+        jobs = run.missing(retry=False) or [(chosen.name, "scpjax", run.sealed[chosen.name])]
+        run.answer(jobs, workers=1)
+        run.report(None)
+        earlier = json.loads((tmp_path / "results.json").read_text())
+        (row,) = earlier["cases"]
+        assert row["first"] == (turn == 0)
+        assert [s["outcome"] for s in earlier["first_answers"]] == ["false name"] * (turn > 0)
+        monkeypatch.setattr(Worker, "ask", lambda self, job, name=name: said(name or "creep") | kept)
+        monkeypatch.setattr(program, "seen", lambda: frozenset({chosen.name}))
+
+
 def test_runs_that_are_scored_together_are_told(case, tmp_path, monkeypatch):
     """Each run notes what it was asked for; all that lies there is scored without a selection."""
     out, chosen = case

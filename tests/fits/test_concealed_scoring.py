@@ -145,6 +145,11 @@ def test_the_page_shows_every_case(tmp_path):
     assert "| 0 of 1, 0% (0% to 79%) | 0 of 1 |" in text
     assert "Of 2 cases it is noted that the engine was asked them for the first time (older, abc)" in text
     assert "| explained | 1 | 2 |" in text
+    was = replace(scores[1], outcome="right", first=True)
+    then = write_page(tmp_path, scores, others, commit="older, abc", of=515, asked=asked, first=[was]).read_text()
+    assert "Of 3 cases it is noted" in then
+    assert "1 of them were asked again since" in then
+    assert "1 of 2, 50% (9% to 91%) | 2 of 2 |" in then, "misnamed when asked again: what was said first was right"
     assert "diverged" in text
     methods, common = by_method(scores, others | {"pysindy": {"b": 2.0}})
     assert methods["base model"] == {}
