@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 
 import scpjax
 from scpjax.diagnose.fleet import TABLE, Member, Outlier, Spread, effects, not_compared, summary
-from scpjax.diagnose.shared import HAS_IT, HAS_NOT, OPEN, SharedEffect, Sharing
+from scpjax.diagnose.shared_effect import Sharing
 from scpjax.fit.result import Estimate
 from scpjax.recordings.files import write_text
 from scpjax.report import bars, page, plot
@@ -31,6 +31,7 @@ from scpjax.report.pieces import (
     write_page,
 )
 from scpjax.report.plot import EXTENDED, FAINT, GRID, TEXT, new_figure
+from scpjax.report.shared import plain, section, shared_values
 
 _VERDICTS = {"adequate": "#00734f", "explained": EXTENDED, "unexplained": "#a63d00"}
 _MANY = 60  # actuators, with more of which rows carry no names
@@ -55,7 +56,7 @@ def write_fleet_diagnosis(
     shapes = {"effects": plot.png(matrix(whole))}
     values = {s.key: [_estimate(s.estimates.get(m.name)) for m in whole] for s in found}
     if values:
-        shapes["spread"] = plot.png(bars.spread(values, [m.name for m in whole], _shared_values(found, shared)))
+        shapes["spread"] = plot.png(bars.spread(values, [m.name for m in whole], shared_values(found, shared)))
     write_figures(out, shapes)
     says = (*summary(members, found), *(e.says for e in shared.effects))
     left = sum(m.verdict == "unexplained" for m in whole)
@@ -67,7 +68,7 @@ def write_fleet_diagnosis(
         *(page.text(s) for s in says[1:]),
         page.section("Which effects are in which", page.figure(shapes["effects"], _EFFECTS), _effects_table(whole)),
         page.section("Not like the others", unlike or _none(whole)),
-        page.section("Shared by the fleet", *_shared(shared)),
+        page.section("Shared by the fleet", *section(shared)),
         page.section(
             "How the parameters spread",
             _spread_table(found),
@@ -97,14 +98,6 @@ _VALUES = (
     "Each actuator's value with its 95 % interval; the dashed line is the median, a band what one set of values for "
     "all makes it, with its interval."
 )
-_SHARED = (
-    "An effect named in two actuators or more is fitted once more to all of these at once: each with a base of its "
-    "own, the effect with the same values in all. ΔBIC: for the same values against each its own. p: of values that "
-    "differ as much or more if all had the same (likelihood ratio). Held-out error: of all, over the noise, each "
-    "with its own values → with the shared ones. Where an effect was not named it is asked for with the shared values, "
-    "none of them fitted there; it may have one of another size."
-)
-_LEFT_OUT = "Not asked:"
 
 
 def matrix(members: Sequence[Member]) -> Figure:
@@ -195,50 +188,6 @@ def _stated_for(found: Sequence[Spread]) -> str:
     return f"Stated for the same in all: {', '.join(said)}." if said else ""
 
 
-def _shared(shared: Sharing) -> list[str]:
-    """What one set of values does for all, and what it says of those in which the effect was not named."""
-    rows = []
-    for e in shared.effects:
-        values = "; ".join(
-            f"{k.replace('_', ' ')} {number(v.value)} ({interval(v.low, v.high)}) {unit(v.unit)}".rstrip()
-            for k, v in e.parameters.items()
-        )
-        all_ = f"{len(e.actuators)}" + (f", apart: {', '.join(e.apart)}" if e.apart else "")
-        chance = "< 0.001" if e.p < 1e-3 else f"{e.p:.3f}"
-        held = " → ".join(f"{h:.3f}" if math.isfinite(h) else "–" for h in e.held_out)
-        one = "yes" if e.is_shared else "no" if e.differs else "open"
-        where = "; ".join(f"{says}: {', '.join(n)}" for says in (HAS_IT, HAS_NOT, OPEN) if (n := e.having(says)))
-        name = title(e.name) + (f" ({e.law})" if e.law else "")
-        rows.append((name, all_, one, values, number(e.delta_bic), chance, held, where or "–"))
-    left = [f"{name}: {why}" for name, why in shared.left_out.items()]
-    beside = [page.text(_LEFT_OUT, "small soft"), page.bullets(left)] if left else []
-    if not rows:
-        return beside
-    head = (
-        "Effect",
-        "Served",
-        "One for all",
-        "Shared values (95 %)",
-        "ΔBIC",
-        "p",
-        "Held-out error",
-        "Where it was not named",
-    )
-    return [page.table(head, rows, (4, 5), tight=(2, 6)), page.text(_SHARED, "small soft"), *beside]
-
-
-def _shared_values(found: Sequence[Spread], shared: Sharing) -> dict[str, Estimate]:
-    """Shared values by the keys of the parameters' spreads, where both are stated for the same."""
-    out = {}
-    for s in found:
-        mechanism, _, name = s.key.split(" (")[0].partition(".")
-        for e in shared.effects:
-            same = all(math.isclose(r["value"], e.references.get(k, math.nan)) for k, r in s.references.items())
-            if e.is_shared and e.name == mechanism and s.law == e.law and name in e.parameters and same:
-                out[s.key] = e.parameters[name]
-    return out
-
-
 def _p(s: Spread) -> str:
     return "–" if np.isfinite(s.std).sum() < 2 else "< 0.001" if s.differs < 1e-3 else f"{s.differs:.3f}"
 
@@ -304,24 +253,8 @@ def _json(
             for s in found
         },
         "not_compared": list(not_compared(members)),
-        "shared": [_effect(e) for e in shared.effects],
+        "shared": [plain(e) for e in shared.effects],
         "shared_left_out": dict(shared.left_out),
-    }
-
-
-def _effect(e: SharedEffect) -> dict[str, Any]:
-    return {
-        "name": e.name,
-        "law": e.law,
-        "is_shared": e.is_shared,
-        "actuators": list(e.actuators),
-        "apart": list(e.apart),
-        "parameters": {k: v.to_dict() for k, v in e.parameters.items()},
-        "references": dict(e.references),
-        "delta_bic": e.delta_bic,
-        "p": e.p,
-        "held_out": dict(zip(("own", "shared"), e.held_out, strict=True)),
-        "elsewhere": {name: vars(other) for name, other in e.elsewhere.items()},
     }
 
 
