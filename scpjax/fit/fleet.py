@@ -143,7 +143,7 @@ def _solve(setups: list[Setup], options: FitOptions, with_traces: bool) -> list[
     began = time.monotonic()
     r = max(len(s.recordings) for s in setups)
     padded = [_pad(s, r) for s in setups]
-    width = _width(padded)
+    width, lanes = _widths(padded)
     data = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[s.data for s in padded])
     spaces = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[s.space for s in padded])
     n = len(padded)
@@ -158,7 +158,7 @@ def _solve(setups: list[Setup], options: FitOptions, with_traces: bool) -> list[
         for at in range(0, len(open_), _ABREAST):
             part = open_[at : at + _ABREAST]
             filled = np.array(part + [part[-1]] * (_ABREAST - len(part)) if n >= _ABREAST else part)
-            trials = stack([_begin(padded[i], k, best[i], width) for i in filled])
+            trials = stack([_begin(padded[i], k, best[i], width, lanes) for i in filled])
             take = lambda tree, rows=filled: jax.tree.map(lambda x: x[rows], tree)  # noqa: E731
             steps = options.max_steps * (3 if last else 1)
             found = solve_fleet(trials, take(data), take(spaces), max_steps=steps, robust=options.robust)
@@ -211,15 +211,18 @@ def _finished(
     )
 
 
-def _begin(setup: Setup, k: int, best: Trial | None, width: int) -> Trial:
+def _begin(setup: Setup, k: int, best: Trial | None, width: int, lanes: int) -> Trial:
     """Start k of an actuator, or where it stands when there are no more."""
     if k >= len(setup.starts) and best is not None:
         return best
-    return setup.trial(setup.starts[min(k, len(setup.starts) - 1)], setup.base_active, width=width)
+    start = setup.starts[min(k, len(setup.starts) - 1)]
+    return setup.trial(start, setup.base_active, width=width, lanes=lanes)
 
 
-def _width(setups: Sequence[Setup]) -> int:
-    return max(int(s.base_active.sum()) for s in setups)
+def _widths(setups: Sequence[Setup]) -> tuple[int, int]:
+    """Entries that move, and those of them that a recording depends on, of whom they are most."""
+    width = max(int(s.base_active.sum()) for s in setups)
+    return width, max(s.trial(s.starts[0], s.base_active, width=width).lanes.shape[1] for s in setups)
 
 
 def _pad(setup: Setup, r: int) -> Setup:

@@ -10,6 +10,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from scpjax.fit.data import Data
@@ -179,6 +180,13 @@ class Space(eqx.Module):
         return self.n_theta + self.n_recordings * self.locals.count(self.structure)
 
     @property
+    def recording_of(self) -> np.ndarray:
+        """Of every entry the recording that alone depends on it (size,), -1 where all may."""
+        s = self.structure
+        own = [s.recordings.index(slot.recording) if slot.recording else -1 for slot in s.slots]
+        return np.concatenate([own, np.repeat(np.arange(self.n_recordings), self.locals.count(s))]).astype(int)
+
+    @property
     def keys(self) -> tuple[str, ...]:
         """Name of every entry."""
         names = self.locals.names(self.structure)
@@ -192,10 +200,18 @@ class Space(eqx.Module):
         return namespace(value, active).where(active, value, fixed)
 
 
+_ABREAST = 4  # numbers that a processor computes with at once
+
+
 class Trial(eqx.Module):
-    """One hypothesis to fit: which entries move (``index``, padded with the idle one), from where, under which laws."""
+    """One hypothesis to fit: which entries move (``index``, padded with the idle one), from where, under which laws.
+
+    ``lanes`` are the places in ``index`` that each recording depends on: not those of other recordings' own values.
+    Padded with a place that is none, to a multiple of what a processor takes at once (``python benchmarks/lanes.py``).
+    """
 
     index: Int[Array, " moving"]
+    lanes: Int[Array, "r lanes"]
     free: Float[Array, " all+1"]
     fixed: Float[Array, " all"]
     active: Bool[Array, " all"]
@@ -217,6 +233,17 @@ def residuals_of(values: Float[Array, "m all"], laws: Float[Array, "m mechanisms
     # recordings outside and models inside: the inner one is the axis along which a processor computes side by side
     over = (data.by_recording(), 0)
     return jax.vmap(of_one, in_axes=over, out_axes=1)(data, jnp.arange(space.n_recordings))
+
+
+def lanes_of(index: np.ndarray, space: Space, least: int = 0) -> np.ndarray:
+    """`Trial.lanes` of the entries that move, ``least`` of them at least: as many whichever take the idle places."""
+    whose = np.append(space.recording_of, -1)[index]
+    mine = [np.flatnonzero((whose == i) | (whose < 0)) for i in range(space.n_recordings)]
+    most = max(least, *(len(places) for places in mine))
+    out = np.full((space.n_recordings, _ABREAST * -(-most // _ABREAST)), len(index))
+    for row, places in zip(out, mine, strict=True):
+        row[: len(places)] = places
+    return out
 
 
 def soften(r: Array, threshold: float) -> Array:
@@ -250,18 +277,23 @@ def sensitivities(
     Linearising a simulation first, as `optimistix` does, would keep every step of it in memory. The Jacobian is 0 where
     a residual has no finite derivative.
     """
-    directions = jnp.eye(moving.shape[0], dtype=moving.dtype)
+    every = jnp.arange(moving.shape[0])
 
-    def along(function: Callable[[Array], Array]) -> tuple[Array, Array]:
+    def along(function: Callable[[Array], Array], places: Array) -> tuple[Array, Array]:
+        directions = jax.nn.one_hot(places, moving.shape[0], dtype=moving.dtype)
         return jax.vmap(lambda e: jax.jvp(function, (moving,), (e,)), out_axes=(None, -1))(directions)
 
     last = _last(data)
 
-    def of_one(mine: Data, i: Array) -> tuple[Array, Array]:
-        return along(lambda x: _misfit(x, trial, space, robust, mine, i, last))
+    def of_one(mine: Data, i: Array, lanes: Array) -> tuple[Array, Array]:
+        value, slopes = along(lambda x: _misfit(x, trial, space, robust, mine, i, last), lanes)
+        there = jnp.any(lanes[:, None] == every, axis=0)
+        lane = jnp.argmax(lanes[:, None] == every, axis=0)
+        return value, jnp.where(there, slopes[..., lane], 0.0)
 
-    of_data, slopes = jax.vmap(of_one, in_axes=(data.by_recording(), 0))(data, jnp.arange(space.n_recordings))
-    others, other_slopes = along(lambda x: _beside(x, trial, space))
+    over = (data.by_recording(), 0, 0)
+    of_data, slopes = jax.vmap(of_one, in_axes=over)(data, jnp.arange(space.n_recordings), jnp.asarray(trial.lanes))
+    others, other_slopes = along(lambda x: _beside(x, trial, space), every)
     jacobian = jnp.concatenate([slopes.reshape(-1, moving.shape[0]), other_slopes])
     return jnp.concatenate([of_data.ravel(), others]), known(jacobian)
 

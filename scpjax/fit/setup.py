@@ -15,7 +15,7 @@ from scpjax.fit.ambient import ambients
 from scpjax.fit.data import Data, columns, pack
 from scpjax.fit.guess import Scales, guess_base
 from scpjax.fit.noise import noise_of
-from scpjax.fit.problem import Locals, Space, Trial
+from scpjax.fit.problem import Locals, Space, Trial, lanes_of
 from scpjax.fit.segments import cut_long
 from scpjax.fit.space import driven_before, measured, null_values, space_of, starts_of
 from scpjax.physics.catalogue import applicable, systems
@@ -55,15 +55,25 @@ class Setup:
     known: tuple[str, ...]
     notes: tuple[str, ...]
 
-    def trial(self, value: np.ndarray, active: np.ndarray, laws: np.ndarray | None = None, width: int = 0) -> Trial:
-        """Trial that moves ``active`` entries from physical ``value``; padded to ``width`` moving places."""
+    def trial(
+        self,
+        value: np.ndarray,
+        active: np.ndarray,
+        laws: np.ndarray | None = None,
+        width: int = 0,
+        lanes: int = 0,
+    ) -> Trial:
+        """Trial that moves ``active`` entries from physical ``value``; padded to ``width`` moving places, of which a
+        recording depends on ``lanes`` at least.
+        """
         size = self.space.size
         index = np.flatnonzero(active)
         index = np.concatenate([index, np.full(max(width - len(index), 0), size)])
         moved = np.where(active, value, np.where(np.isfinite(self.fixed), self.fixed, 1.0))
         free = np.concatenate([np.asarray(self.space.bounds.to_free(moved)), [0.0]])
         laws = np.zeros(len(self.structure.mechanisms)) if laws is None else np.asarray(laws)
-        host: Any = (index, free, np.asarray(self.fixed), np.asarray(active), laws)  # nothing is compiled for it
+        places = lanes_of(index, self.space, lanes)
+        host: Any = (index, places, free, np.asarray(self.fixed), np.asarray(active), laws)  # nothing is compiled
         return Trial(*host)
 
 

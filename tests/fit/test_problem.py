@@ -9,6 +9,7 @@ import pytest
 
 from scpjax.diagnose.holdout import split
 from scpjax.diagnose.hypothesis import grown, trial_at
+from scpjax.diagnose.own import with_own
 from scpjax.fit.problem import CEILING, residuals, residuals_of, sensitivities, soften
 from scpjax.fit.setup import prepare
 from scpjax.physics.catalogue import mechanism
@@ -42,6 +43,29 @@ def test_the_jacobian_is_the_derivative_of_the_residuals(name, order, robust):
     assert np.linalg.norm(jacobian @ direction - expected) < 1e-5 * size
     forward = jax.jvp(plain, (moving,), (jnp.asarray(direction),))[1]
     np.testing.assert_allclose(jacobian @ direction, forward, rtol=1e-6, atol=1e-9 * size)
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_a_recording_has_lanes_for_what_it_depends_on_and_no_more(own):
+    """Values and initial states of other recordings have none; the Jacobian is the whole one all the same."""
+    with resources.as_file(resources.files("scpjax") / "examples" / "demo") as folder:
+        setup = prepare([read_recording(f) for f in sorted(folder.glob("*.csv"))])
+    setup = with_own(setup, "newton_cooling.conductance") if own else setup
+    trial = trial_at(setup, np.asarray(setup.starts[0]) * 1.03, np.zeros(len(setup.structure.mechanisms)))
+    trial = jax.tree.map(jnp.asarray, trial)
+    keys = [setup.space.keys[i] for i in trial.index]
+    names = [r.metadata.name for r in setup.recordings]
+    for i, lanes in enumerate(trial.lanes):
+        mine = [keys[place] for place in lanes if place < len(keys)]
+        others = [key for key in keys if key not in mine]
+        assert len(lanes) % 4 == 0
+        assert all(f"recording_{i}." not in key and f"@{names[i]}" not in key for key in others)
+        assert all(("recording_" in key) or ("@" in key) for key in others)
+        assert len(others) >= (2 if own else 1)
+    moving, data, space = jnp.asarray(trial.free[trial.index]), setup.data, setup.space
+    _, jacobian = sensitivities(moving, trial, data, space)
+    whole = jax.jacfwd(lambda x: residuals(x, trial, data, space))(moving)
+    np.testing.assert_allclose(jacobian, whole, rtol=1e-6, atol=1e-9 * float(np.max(np.abs(whole))))
 
 
 def test_padding_is_not_simulated():
