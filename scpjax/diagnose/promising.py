@@ -28,6 +28,7 @@ _AT_LEAST, _AT_MOST, _LATER = 2, 5, 3  # mechanisms fitted; of them beside other
 _GOOD = 0.75  # of the misfit in excess of the noise: where nothing fitted takes so much away, twice as many are; and
 # beside others already named wherever nothing has reached the noise
 _ABREAST = 0.8  # of the leader's promise, with which one is fitted too as long as nothing has reached the noise
+_LEVEL = 0.9  # of it, with which one is fitted beside other names whatever has: nothing may tell the two apart
 _COARSE = 1e-4  # half the fall of the sum of squares in one step, as a share of it, with which a trial need not go on
 _NOISE = 1.05  # sum of squares, in units of that of the noise, up to which a trial has reached it
 _LOST = 2.0**2  # mean square, in units of the noise's, down to which a first name comes near the noise
@@ -85,7 +86,8 @@ def fit_promising(
         if promise.mechanism.name in fits.found or (fits.explained and promise.gain < _FAR_BEHIND * promises[0].gain):
             return False
         enough = fits.lead > _GOOD * excess and (fits.explained or behind)
-        return (i < most or not enough or _is(promise, begun)) and (i < least or not patience.over())
+        level = promise.gain >= _LEVEL * promises[0].gain and len(fits.found) < _AT_MOST
+        return (i < most or not enough or level or _is(promise, begun)) and (i < least or not patience.over())
 
     fits.add_all(worth, is_asked)
     others = [p for p in promises if p.mechanism.name in contenders] if state.names else _likeliest(promises, begun)

@@ -122,7 +122,7 @@ def _binned(
         return (z, y_end, total), None
 
     def one_bin(carry: Any, xs: Any) -> Any:
-        zero = [jnp.zeros_like(carry[1][i]) for i in range(n_y)]
+        zero = [0.0 * carry[1][i] for i in range(n_y)]  # traced once: see `scpjax.simulate.exponential`
         (z, y, total), _ = jax.lax.scan(step, (*carry, zero), xs)
         return (z, y), total
 

@@ -148,7 +148,9 @@ Step = Callable[[list[Array], Array], list[Array]]
 Carry = Callable[[list[Array], list[Array], Float[Array, " sides"], Array], list[Array]]
 
 # XLA would work out a stage anew for every state of the next, where both are one expression: between them there is a
-# loop, over the columns of a matrix or, where those are taken apart, over the stages.
+# loop, over the columns of a matrix or, where those are taken apart, over the stages. What such a loop carries begins
+# with something that varies, though it be multiplied by 0: what varies only from its second turn on, JAX traces twice
+# for every transformation, and all loops within as often again.
 
 
 def etd2(rates: Rates, a: Float[Array, "n n"], step: Array, *, pattern: Pattern, carried: Carry | None = None) -> Step:
@@ -175,8 +177,7 @@ def etd2(rates: Rates, a: Float[Array, "n n"], step: Array, *, pattern: Pattern,
             return (*stage(y, f, share), f), None
 
         if is_small(pattern):  # at z itself, then where the rates there lead
-            nothing = [jnp.zeros((), a.dtype)] * len(z)
-            (predicted, f1, f0), _ = jax.lax.scan(again, (z, nothing, nothing), jnp.arange(2.0, dtype=a.dtype))
+            (predicted, f1, f0), _ = jax.lax.scan(again, (z, z, z), jnp.arange(2.0, dtype=a.dtype))
         else:
             f0 = _scalars(rates(z, u), a.dtype)
             predicted, f1 = stage(z, f0, 1.0)
@@ -218,7 +219,7 @@ def etd4(rates: Rates, a: Float[Array, "n n"], step: Array, *, pattern: Pattern)
             f0 = [jnp.where(starts, new, old) for new, old in zip(f, f0, strict=True)]
             return (f0, _combine((1.0, f), (-1.0, core(y))), _add(before, n)), None
 
-        nothing = [jnp.zeros((), a.dtype)] * len(z)
+        nothing = [0.0 * x for x in z]
         stages = (shares, jnp.arange(4) == 0, u[jnp.asarray([0, 1, 1, 2])])
         (f0, nc, before), _ = jax.lax.scan(stage, (nothing, nothing, nothing), stages)  # before = n0 + na + nb
         n0 = _combine((1.0, f0), (-1.0, held))

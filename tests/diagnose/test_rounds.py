@@ -206,6 +206,13 @@ def test_what_contended_with_the_first_name_is_fitted_beside_it_whatever_it_prom
     assert fitted(monkeypatch, 0.9, 0, near=True, **beside) == first(6)
 
 
+@pytest.mark.parametrize(("abreast", "count"), [(0, 1), (2, 3), (3, 4), (4, 5), (9, 5)])
+def test_beside_names_what_promises_as_much_as_what_explains_everything_is_fitted_too(monkeypatch, abreast, count):
+    """These may be told apart by nothing, and the user has to be told of them."""
+    beside = {"near": False, "names": ("a",), "explains": "m0"}
+    assert fitted(monkeypatch, 0.9, abreast, **beside) == first(count)
+
+
 @pytest.mark.parametrize(("square", "looked"), [(1.0, False), (1.2, False), (4.0, True)])
 def test_a_base_that_leaves_little_has_not_been_bent(monkeypatch, square, looked):
     """Mechanisms are tried from the parameters first suggested only where much is left that a bent base could hide."""
