@@ -10,12 +10,14 @@ sides of rest, near which an actuator mostly is: z goes with asinh(b v/max |v|).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from scpjax.parameter import Parameter, weight
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
@@ -133,27 +135,61 @@ def _slope(t: ArrayLike) -> Array:
 
 def product(forms: tuple[Form, ...], p: Values, view: View, of: str = "") -> Side:
     """Dimensionless ``factor s(variable)`` of the law in force; 0 where its form is of something else."""
-    places, zeros, factors, mine = [], [], [], []
-    for f in forms:
-        low, high = getattr(p, f"{f.variable}_low"), getattr(p, f"{f.variable}_high")
-        now = getattr(view, f.variable) * jnp.ones_like(view.temperature)  # the time is the same for both sides
-        places.append(jnp.clip(share_of(f.variable, now, low, high), -BEYOND, 1.0 + BEYOND))
-        zeros.append(jnp.clip(share_of(f.variable, 0.0, low, high), 0.0, 1.0))
-        top = getattr(p, f"{f.factor}_high") if f.factor else 1.0
-        factors.append(getattr(view, f.factor) / top if f.factor else jnp.ones_like(now))
-        mine.append(1.0 if f.of == of else 0.0)
-    which = jnp.floor_divide(p.law, len(PIECES))
-    chosen = [which == i for i in range(len(forms))]
-    pick = lambda items: sum(jnp.where(c, x, 0.0) for c, x in zip(chosen, items, strict=True))  # noqa: E731
-    z, zero, factor, here = (pick(items) for items in (places, zeros, factors, mine))
-    pieces = jnp.asarray(PIECES)[jnp.asarray(p.law - which * len(PIECES), int)]
-    inside = jnp.clip(z, 0.0, 1.0)
-    beyond = pieces * (z - inside)
-    k = jnp.arange(len(WEIGHTS), dtype=inside.dtype)
+    law = jnp.asarray(p.law, int)
+    form, fine = jnp.floor_divide(law, len(PIECES)), jnp.mod(law, len(PIECES))
+    still = jnp.ones_like(view.temperature)  # the time is the same for both sides
+
+    def of_the_law(names: Sequence[str], values: Callable[[str], Sequence[ArrayLike]]) -> list[Array]:
+        """Some values of what the law in force has, given those of all that a law may have."""
+        found = [jnp.zeros(())] * len(values(names[0]))
+        for name in dict.fromkeys(names):
+            mine = jnp.any(form == jnp.asarray([i for i, other in enumerate(names) if other == name]))
+            found = [jnp.where(mine, new, old) for new, old in zip(values(name), found, strict=True)]
+        return found
+
+    def of_variable(name: str) -> tuple[Array, Array]:
+        low, high = getattr(p, f"{name}_low"), getattr(p, f"{name}_high")
+        return share_of(name, getattr(view, name) * still, low, high), share_of(name, 0.0, low, high)
+
+    def of_factor(name: str) -> tuple[Array]:
+        return (getattr(view, name) / getattr(p, f"{name}_high") * still if name else still,)
+
+    z, zero = of_the_law([f.variable for f in forms], of_variable)
+    (factor,) = of_the_law([f.factor for f in forms], of_factor)
+    (here,) = of_the_law([f.of for f in forms], lambda name: (1.0 if name == of else 0.0,))
+    pieces = jnp.asarray(PIECES, z.dtype)[fine]
+    weights = tuple(getattr(p, w) * still for w in WEIGHTS)
+    z, zero = jnp.clip(z, -BEYOND, 1.0 + BEYOND), jnp.clip(zero, 0.0, 1.0) * still
+    return here * factor * _spline(weights, z, zero, pieces)
+
+
+@jax.custom_jvp
+def _spline(weights: tuple[Side, ...], z: Side, zero: Side, pieces: Array) -> Side:
+    """s at z, straight on beyond the range. A tangent goes by the slope, which is one number for all sensitivities, and
+    by each weight in turn: summed along an axis they would take five times as long.
+    """
+    return jnp.sum(jnp.stack(weights, axis=-1) * _pieces(z, zero, pieces), axis=-1)
+
+
+def _pieces(z: Side, zero: Side, pieces: Array) -> Float[Array, "*sides k"]:
+    """What every weight is multiplied by."""
+    inside, k = jnp.clip(z, 0.0, 1.0), jnp.arange(len(WEIGHTS), dtype=jnp.result_type(z))
     at = (pieces * inside)[..., None] - k
-    shape = _bell(at) + beyond[..., None] * _slope(at) - _bell(pieces * zero - k)
-    weights = jnp.stack([getattr(p, w) * jnp.ones_like(z) for w in WEIGHTS], axis=-1)
-    return here * factor * jnp.sum(weights * shape, axis=-1)
+    return _bell(at) + (pieces * (z - inside))[..., None] * _slope(at) - _bell((pieces * zero)[..., None] - k)
+
+
+@_spline.defjvp
+def _spline_along(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
+    weights, z, zero, pieces = primals
+    by_weight, by_z, by_zero, _ = tangents
+    every, shape = jnp.stack(weights, axis=-1), _pieces(z, zero, pieces)
+    k = jnp.arange(len(weights), dtype=z.dtype)
+
+    def steep(at: Array) -> Array:
+        return pieces * jnp.sum(every * _slope((pieces * jnp.clip(at, 0.0, 1.0))[..., None] - k), axis=-1)
+
+    along = sum(dw * shape[..., i] for i, dw in enumerate(by_weight)) + steep(z) * by_z - steep(zero) * by_zero
+    return jnp.sum(every * shape, axis=-1), along
 
 
 class LearnedCurve(Mechanism):
