@@ -17,6 +17,7 @@ from scpjax.diagnose.final import fitted_to_all, resolved
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, residual_on
 from scpjax.diagnose.locate import Binned, locate
+from scpjax.diagnose.mode import Mode, draw_mode
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.reaction import Reaction, draw_reaction
 from scpjax.diagnose.remainder import AT_NOISE, form_at_most, level, takes_most
@@ -130,6 +131,8 @@ def _in_units(
         return draw_swing(learned, every, values, doubt)
     if isinstance(learned, Reaction):
         return draw_reaction(learned, every, values, doubt)
+    if isinstance(learned, Mode):
+        return draw_mode(learned, every, values, doubt)
     return None if learned is None else describe(learned, every, values)
 
 

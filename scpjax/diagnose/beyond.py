@@ -1,4 +1,6 @@
-"""What is learned beyond names, or in their place: a form of the law, a curve, or a reaction that uses itself up."""
+"""What is learned beyond names, or in their place: a form of the law, a curve, a reaction that uses itself up, or what
+swings along.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +13,7 @@ from scpjax.diagnose.curve import Curve, bend, forms_named
 from scpjax.diagnose.evidence import Evidence, ahead, is_better
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State
+from scpjax.diagnose.mode import Mode, carried_along
 from scpjax.diagnose.patience import ENDLESS, Patience
 from scpjax.diagnose.reaction import Reaction, reacting
 from scpjax.diagnose.remainder import AT_NOISE, level, unexplained
@@ -19,7 +22,7 @@ from scpjax.diagnose.result import Latent
 _BEHIND = 0.05  # of the misfit in excess of the noise: by which a balance that is in question too may answer for less
 _HEATED = ("drive", "thermoelectric", "sensor")  # where names act that a reaction may look like, one by a heat
 
-Beyond = Learned | Curve | Reaction
+Beyond = Learned | Curve | Reaction | Mode
 """What is learned beyond names, or in their place."""
 
 
@@ -34,16 +37,28 @@ def able(lacking: Sequence[Latent], base: State, parts: Split) -> tuple[str, ...
 def closure(
     state: State, parts: Split, rules: Evidence, where: Sequence[str] = (), patience: Patience = ENDLESS
 ) -> Beyond | None:
-    """What is learned beyond a hypothesis: a form, or a reaction that uses itself up. Of those that come down to the
-    noise what has more evidence, else what predicts better; None where neither is better than none. Here and below
-    nothing is begun any more once it is late by ``patience``.
+    """What is learned beyond a hypothesis: a form, a reaction that uses itself up, or what swings along. Of those that
+    come down to the noise what has more evidence, else what predicts better; None where none is better than none. Here
+    and below nothing is begun any more once it is late by ``patience``.
     """
-    reaction = reacting(state, parts, rules, patience) if not where or "thermoelectric" in where else None
-    found = [f for f in (form(state, parts, rules, where, patience), reaction) if f is not None]
+    tried = (form(state, parts, rules, where, patience), *_with_states(state, parts, rules, where, patience))
+    found = [f for f in tried if f is not None]
     whole = [f for f in found if level(f.state, parts) <= AT_NOISE]
     if whole:
         return max(whole, key=lambda f: ahead(f.state, state, parts, rules))
     return min(found, key=lambda f: unexplained(f.state, parts.is_held), default=None)
+
+
+def _with_states(
+    state: State, parts: Split, rules: Evidence, where: Sequence[str], patience: Patience
+) -> list[Reaction | Mode | None]:
+    """Closures with states of their own, where they may stand (anywhere when that is not said)."""
+    able: list[Reaction | Mode | None] = []
+    if not where or "thermoelectric" in where:
+        able.append(reacting(state, parts, rules, patience))
+    if not where or "thermomechanical" in where:
+        able.append(carried_along(state, parts, rules, patience))
+    return able
 
 
 def form(
@@ -85,8 +100,7 @@ def in_place_of(
         return mine < its or (enough and mine < its + rules.held_out)
 
     found: list[Beyond | None] = [f(base, parts, rules, where) for f in (bend, learn)]
-    if not where or "thermoelectric" in where:
-        found.append(reacting(base, parts, rules))
+    found += _with_states(base, parts, rules, where, ENDLESS)
     able = [
         f
         for f in found
@@ -115,7 +129,7 @@ def _is_none_of(learned: Beyond, state: State) -> bool:
     """Whether a closure depends on what no law of a name of ``state`` would: a term of it on other variables than a
     curve that is the name.
     """
-    if isinstance(learned, Reaction):
+    if isinstance(learned, Reaction | Mode):
         return True
     if isinstance(learned, Curve):
         return not set(learned.form.names) & set(state.names)

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
-from scpjax.diagnose.evidence import Comparison, Evidence, compare
+from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.expression import WHAT, of_base
 from scpjax.diagnose.holdout import Split
-from scpjax.diagnose.hypothesis import State, grown, residual_on, starts_with
+from scpjax.diagnose.hypothesis import State, grown, starts_with
+from scpjax.diagnose.learned import Found, fitted_beyond
 from scpjax.diagnose.patience import ENDLESS, WHAT_NO_NAME_EXPLAINS, Patience
 from scpjax.diagnose.result import Closure, Drawn
-from scpjax.diagnose.trials import fit_leading
 from scpjax.fit.identifiability import Uncertainty
 from scpjax.fit.result import Estimate
 from scpjax.fit.solve import make_room
@@ -22,16 +21,11 @@ from scpjax.physics.catalogue import mechanism
 _NAME = "learned_reaction"
 _KEYS = tuple(f"{_NAME}.{p}" for p in ("heat", "time", "acceleration"))
 _PLACE = "learned_heat reaction"
-_STEPS = 60
 _POINTS = 61
 
 
-@dataclass(frozen=True)
-class Reaction:
-    """A reaction found: the hypothesis that holds it, and the evidence."""
-
-    state: State
-    evidence: Comparison
+class Reaction(Found):
+    """A reaction found."""
 
 
 def reacting(state: State, split: Split, rules: Evidence, patience: Patience = ENDLESS) -> Reaction | None:
@@ -44,19 +38,9 @@ def reacting(state: State, split: Split, rules: Evidence, patience: Patience = E
     make_room()
     m = mechanism(_NAME)
     problem = grown(state.setup, m)
-    moving, at = np.asarray(state.trial.active), problem.structure.index
-    active = np.zeros(problem.space.size, bool)
-    active[len(problem.structure.slots) :] = moving[len(old.slots) :]
-    for slot in old.slots:
-        active[at[slot.key]] = moving[old.index[slot.key]]
-    for key in _KEYS:
-        active[at[key]] = True
-    trials = [problem.trial(s.value, active, s.laws, int(active.sum())) for s in starts_with(state, m, problem)]
-    solved, cost = fit_leading(problem, split, trials, state.cost, _STEPS)
-    best = int(np.argmin(cost))
-    after = State(problem, solved[best], residual_on(solved[best], split.whole, problem), float(cost[best]))
-    evidence = compare(state, after, "closure", "", split, rules, len(_KEYS))
-    return Reaction(after, evidence) if evidence.accepted else None
+    begun = [(s.value, s.laws) for s in starts_with(state, m, problem)]
+    found = fitted_beyond(state, split, rules, problem, begun, _KEYS)
+    return None if found is None else Reaction(found.state, found.evidence)
 
 
 def draw_reaction(

@@ -24,7 +24,20 @@ _UNITS = {
     "drive": ("Drive", "as the model takes it", 1.0),
     "effort": ("Drive", "as the model takes it", 1.0),
     "time": ("Time", "s", 1.0),
+    "frequency": ("Frequency", "Hz", 1.0),
 }
+_FORMS = {
+    "reaction": (
+        " It uses itself up, the faster the hotter it is: drying takes heat like that, and curing gives it.",
+        "The rate s at which it is used up",
+    ),
+    "mode": (
+        " Something follows the motion as a mass on a spring of its own does, and swings on: a load on a soft tendon, "
+        "a lever that bends, a marker that is not fixed.",
+        "How far q swings for each metre that x swings, at each frequency",
+    ),
+}
+"""Closures with states of their own, by the end of their place: what they may be, and what is drawn of them."""
 _SCALED = {
     "m": ("mm", 1e3),
     "W": ("W", 1.0),
@@ -158,7 +171,7 @@ def learned(d: Diagnosis, shapes: dict[str, bytes]) -> str:
     corrects = d.verdict == "explained"
     is_law = any(m.law == FREE for m in d.mechanisms)
     place = escape(c.place.removeprefix("learned_").replace("_", " "))
-    form = "reaction" if c.place.endswith("reaction") else "sum of terms" if c.curve is None else "smooth curve"
+    form = next((f for f in _FORMS if c.place.endswith(f)), "sum of terms" if c.curve is None else "smooth curve")
     why = (
         f"The mechanism named follows no law of the catalogue; this {form} is its law."
         if is_law
@@ -166,8 +179,7 @@ def learned(d: Diagnosis, shapes: dict[str, bytes]) -> str:
         if corrects
         else f"No mechanism of the catalogue is named for it, but this {form} does better than none."
     )
-    if form == "reaction":
-        why += " It uses itself up, the faster the hotter it is: drying takes heat like that, and curing gives it."
+    why += _FORMS[form][0] if form in _FORMS else ""
     head = "The law" if is_law else "Correction" if corrects else "Learned, not named"
     error = "; ± is one standard error" * ("±" in c.expression)
     drawn, other = "", " or ".join(c.equivalents)
@@ -176,7 +188,7 @@ def learned(d: Diagnosis, shapes: dict[str, bytes]) -> str:
         near = f" The dashed line is the expression, with {percent(c.curve.share)} of its variation." * bool(
             c.curve.expression
         )
-        what = "The rate s at which it is used up" if form == "reaction" else "The curve s that was learned"
+        what = _FORMS[form][1] if form in _FORMS else "The curve s that was learned"
         drawn = page.figure(shapes["closure"], f"{what}, with its 95 % band.{near}")
     return "\n".join(
         (
@@ -206,7 +218,7 @@ def curve(c: Drawn) -> Figure:
         axis.plot(c.at, c.near, color=TEXT, lw=1.1, ls="--", label=f"s ≈ {c.expression}")
     axis.axhline(0, color=FAINT, lw=0.8)
     axis.set_xlabel(f"{_UNITS[c.variable][0]} ({c.at_unit})")
-    axis.set_ylabel(f"s in {c.product} ({c.unit})")
+    axis.set_ylabel(f"{c.product} ({c.unit})" if c.variable == "frequency" else f"s in {c.product} ({c.unit})")
     axis.legend(frameon=False, fontsize=8)
     style(axis)
     out.tight_layout()

@@ -15,6 +15,7 @@ from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.fewer import fewer
 from scpjax.diagnose.free import nameless
 from scpjax.diagnose.hypothesis import State
+from scpjax.diagnose.mode import carried_along
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.reaction import reacting
 from scpjax.diagnose.rivals import added
@@ -38,13 +39,14 @@ def _at_noise(state: State) -> State:
         (lambda base, parts, _, p: learn(base, parts, RULES, patience=p), None, "learning what no name explains"),
         (lambda base, parts, _, p: bend(base, parts, RULES, patience=p), None, "learning what no name explains"),
         (lambda base, parts, _, p: reacting(base, parts, RULES, p), None, "learning what no name explains"),
+        (lambda base, parts, _, p: carried_along(base, parts, RULES, p), None, "learning what no name explains"),
         (
             lambda base, parts, named, p: nameless(base, Choice(_at_noise(named), (), {}, {}), parts, RULES, p),
             (),
             "terms that would do as well",
         ),
     ],
-    ids=["sum of terms", "curve", "reaction", "nameless terms"],
+    ids=["sum of terms", "curve", "reaction", "mode", "nameless terms"],
 )
 def test_nothing_is_learned_late(lossy, asked: Callable[..., Any], none, told):
     late = Patience(0.0, 0.0)
