@@ -16,6 +16,7 @@ from scpjax.diagnose.expression import describe, in_words
 from scpjax.diagnose.final import fitted_to_all, resolved
 from scpjax.diagnose.holdout import Split
 from scpjax.diagnose.hypothesis import State, residual_on
+from scpjax.diagnose.intervals import profiled
 from scpjax.diagnose.locate import Binned, locate
 from scpjax.diagnose.mode import Mode, draw_mode
 from scpjax.diagnose.patience import Patience
@@ -78,7 +79,7 @@ def answer(
     final, final_data = fitted_to_all(fine, by_fine, patience)
     base_final, _ = fitted_to_all(parts, base, patience)
     doubt = uncertainty(final, final_data, problem.space, coloured=final_data is fine.whole)
-    every = estimates(final, problem.space, doubt)
+    every = profiled(problem, final, final_data, doubt, estimates(final, problem.space, doubt), patience)
     fitted = final_model(problem, final)
     closure = _in_units(learned, every, fitted.values(), doubt)
     named = _named(choice, every, fitted.values(), tuple(in_words(c) for c in as_well)) + _by_curve(
