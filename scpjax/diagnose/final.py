@@ -14,8 +14,10 @@ from scpjax.fit.data import Data
 from scpjax.fit.fit import refine
 from scpjax.fit.problem import CEILING, Trial
 from scpjax.fit.solve import outputs_of
+from scpjax.physics.mechanism import Mechanism
 
 _RESOLVED = 0.1  # of the noise of a sample, by which predictions may change where steps are halved
+_HIGHER = 4  # order of the integrator
 _FINE = 8  # parts of a step, at most, by which a hypothesis is refitted first
 _FINEST = 32  # and at most, where what it then predicts still changes
 _MOST_STEPS = 4_000_000  # of all recordings, simulated at once
@@ -52,14 +54,23 @@ def resolved(state: State, parts: Split, patience: Patience = ENDLESS) -> tuple[
     that, or where no steps tried were short enough.
 
     Where what acts on the force has states of its own, such as hysteresis, a step as long as a sample may err by more
-    than the noise, and parameters fitted with it make up for that only under drives like those given. Late by
+    than the noise, and parameters fitted with it make up for that only under drives like those given. A higher order
+    comes first: where a weight rings within a sample it does more than several times as many steps. Late by
     ``patience`` nothing is refitted, and the note is of that.
     """
     if not any(m.may_need_short_steps for m in state.setup.structure.mechanisms):
         return parts, state, ()
-    if parts.whole.bin > state.setup.data.bin:  # it was fitted by shorter steps before
+    own = state.setup.data
+    if parts.whole.bin > own.bin or parts.whole.order > own.order:  # it was fitted by shorter steps before
         return _by_still_shorter(parts, state, parts, 1, patience)
-    factor, first, coarse = 1, 0.0, _outputs(state, parts, 1)
+    first, given, coarse = 0.0, parts, _outputs(state, parts, 1)
+    parts = _of_higher_order(parts, state)
+    if parts is not given:
+        before, coarse = coarse, _outputs(state, parts, 1)
+        first = _change(before, coarse, parts)
+        if first < _RESOLVED:
+            return given, state, ()
+    factor = 1
     while factor < _FINE:
         fine = _outputs(state, parts, 2 * factor)
         off = _change(coarse, fine, parts)
@@ -67,16 +78,26 @@ def resolved(state: State, parts: Split, patience: Patience = ENDLESS) -> tuple[
         if off < _RESOLVED:
             break
         factor, coarse = 2 * factor, fine
-    if factor == 1:
+    if factor == 1 and parts is given:
         return parts, state, ()
     if patience.late("the last fit by shorter steps"):
         blown = np.any(np.abs(residual_on(state.trial, parts.whole.finer(factor), state.setup)) >= CEILING)
-        return parts, state, (_UNSTABLE if blown else _TOO_LATE.format(off=first),)
+        return given, state, (_UNSTABLE if blown else _TOO_LATE.format(off=first),)
     began = patience.passed()
     finer, refitted = fitted_finer(state, parts, factor)
     if refitted is None:
-        return parts, state, (_UNSTABLE,)
+        return given, state, (_UNSTABLE,)
     return _by_still_shorter(finer, refitted, parts, factor, patience, patience.passed() - began)
+
+
+def _of_higher_order(parts: Split, state: State) -> Split:
+    """The data by the integrator's fourth order; as they are where that is theirs, or where a mechanism knows better
+    than an integrator where a step takes its states (`Mechanism.carried`), which goes with the second.
+    """
+    carries = any(type(m).carried is not Mechanism.carried for m in state.setup.structure.mechanisms)
+    if carries or parts.whole.order == _HIGHER:
+        return parts
+    return replace(parts, train=parts.train.with_order(_HIGHER), whole=parts.whole.with_order(_HIGHER))
 
 
 def _by_still_shorter(

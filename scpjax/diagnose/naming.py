@@ -29,6 +29,8 @@ from scpjax.fit.gaps import find_gaps
 from scpjax.fit.problem import Trial
 from scpjax.fit.setup import Setup
 
+_SPRING, _MASS = "elastic_spring.stiffness", "inertia.mass"
+_TURNED = 0.5  # rad that a weight swings in a step, from which what acts on it may be unresolved
 _LESS = 0.8  # of an output's mean square, left when jumps are timed anew: they had been mistimed
 
 
@@ -55,7 +57,9 @@ class _Seeker:
     patience: Patience
     tell: Progress
 
-    def choose(self, base: State, parts: Split, enough: Callable[[State], bool]) -> Choice:
+    def choose(
+        self, base: State, parts: Split, enough: Callable[[State], bool], resolve: Callable[[State], bool]
+    ) -> Choice:
         """What is named; where that ends away from the noise, each name is set against what could stand in its place
         before other ways are gone, which takes longer.
         """
@@ -68,6 +72,7 @@ class _Seeker:
             progress=self.tell,
             enough=enough,
             mend=lambda choice: self.exchange(choice, base, parts),
+            resolve=resolve,
             patience=self.patience,
         )
 
@@ -107,7 +112,8 @@ def find_names(
     found, free = _searched(search, base, parts)
     if free is not None:
         return replace(found, choice=free.choice(found.base, found.choice), curve=free.curve)
-    choice = search.exchange(found.choice, found.base, found.parts)
+    at_once = found.parts.whole.order > parts.whole.order or found.parts.whole.bin > parts.whole.bin
+    choice = found.choice if at_once else search.exchange(found.choice, found.base, found.parts)
     if len(choice.state.names) > 1:  # beside laws that were exchanged not every name need be missed
         pruned = fewer(prune(choice.state, found.parts, rules, found.base), found.parts, rules, search.patience)
         if pruned.names != choice.state.names:
@@ -141,6 +147,7 @@ def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free |
     began, by_wild, waits = time.monotonic(), False, False
     free: Free | None = None
     timed: Split | None = None
+    shorter: tuple[Split, State] | None = None
     notes: tuple[str, ...] = ()
 
     def by_curve(rival: State) -> bool:
@@ -165,43 +172,64 @@ def _searched(search: _Seeker, base: State, parts: Split) -> tuple[Found, Free |
         timed = None if left else _mistimed(first, parts, base)
         return timed is not None or wild_or_by_curve(first)
 
+    def by_shorter_steps(leader: State) -> bool:
+        nonlocal shorter
+        if _rings(leader, parts):
+            shorter = _shorter(leader, parts, search)
+        return shorter is not None
+
     some = bool(np.any(np.asarray(parts.whole.weights) != np.asarray(base.setup.data.weights)))
-    choice = search.choose(base, parts, mistimed)
+    choice = search.choose(base, parts, mistimed, by_shorter_steps)
     if timed is not None:
         notes = (f"beside {choice.state.names[0]}, the first name tried, the drive changed in gaps at other times",)
-        parts = timed
+        parts, shorter = timed, None
         trial, _, _ = refine(base.setup, parts.train, base.trial)
         base, began = state_at(base.setup, parts, trial), time.monotonic()
-        choice = search.choose(base, parts, wild_or_by_curve)
+        choice = search.choose(base, parts, wild_or_by_curve, by_shorter_steps)
     wild = _wild(choice.state, parts) if some and choice.state.names else np.zeros(())
     if wild.any():
         more = f"{wild.sum()} more were, which stood out beside"
         parts = parts.with_weights(np.where(wild, 0.0, parts.whole.weights))
         trial, _, _ = refine(base.setup, parts.train, base.trial)
-        base, free = state_at(base.setup, parts, trial), None
+        base, free, shorter = state_at(base.setup, parts, trial), None, None
         if by_wild or search.patience.allows(time.monotonic() - began):
             notes = (*notes, f"{more} {choice.state.names[0]}, the first name tried")
-            choice = search.choose(base, parts, first_by_curve)
+            choice = search.choose(base, parts, first_by_curve, by_shorter_steps)
         else:
             notes = (*notes, f"{more} {' and '.join(choice.state.names)}; nothing else was sought without them")
             choice = replace(choice, state=at_rest(choice.state.setup, parts, [choice.state.trial]))
+    if shorter is not None:
+        return _resolved(Found(parts, base, choice, notes=notes), *shorter), None
     if free is None and (waits or not choice.state.names):
         by_curve(choice.state)
     return Found(parts, base, choice, notes=notes), free
 
 
 def _by_shorter_steps(found: Found, search: _Seeker) -> Found:
-    """What names come to by steps that are short enough for them, those that need them under every law again, where
-    that takes them to the noise: by steps as long as the samples a law that is right may miss it.
-    """
+    """What names come to by steps that are short enough for them, where that takes them to the noise."""
     parts, state = found.parts, found.choice.state
     if not state.names or level(state, parts) <= AT_NOISE:
         return found
+    shorter = _shorter(state, parts, search)
+    return found if shorter is None else _resolved(found, *shorter)
+
+
+def _resolved(found: Found, fine: Split, state: State) -> Found:
+    """What was found, on data by short enough steps and with the names as fitted there."""
+    base = at_rest(found.base.setup, fine, [found.base.trial])
+    return replace(found, parts=fine, base=base, choice=replace(found.choice, state=state))
+
+
+def _shorter(state: State, parts: Split, search: _Seeker) -> tuple[Split, State] | None:
+    """The data by steps that are short enough for a hypothesis, and it as fitted there, names that need such steps
+    under every law again; None where they are already, that does not take it to the noise, or there is no patience
+    left. By steps as long as the samples a law that is right may miss it.
+    """
     if not any(m.may_need_short_steps for m in state.setup.structure.mechanisms) or search.patience.over():
-        return found
+        return None
     fine, state, _ = resolved(state, parts, search.patience)
     if fine is parts:
-        return found
+        return None
     search.tell("what is named, by shorter steps", 0.72)
     state = state if level(state, fine) <= AT_NOISE or search.patience.over() else afresh(state, fine)
     for name in state.names:
@@ -212,10 +240,17 @@ def _by_shorter_steps(found: Found, search: _Seeker) -> Found:
         other = under_every_law(state, name, fine)
         if is_better(other, state, fine, search.rules):
             state = other
-    if level(state, fine) > AT_NOISE:
-        return found
-    base = at_rest(found.base.setup, fine, [found.base.trial])
-    return replace(found, parts=fine, base=base, choice=replace(found.choice, state=state))
+    return None if level(state, fine) > AT_NOISE else (fine, state)
+
+
+def _rings(state: State, parts: Split) -> bool:
+    """Whether what moves would swing on its spring within a step: what acts on it is then hardly resolved."""
+    slots = state.setup.structure.slots
+    of = {key: [float(state.values[s.index]) for s in slots if s.key.split("@")[0] == key] for key in (_SPRING, _MASS)}
+    if not all(of.values()):
+        return False
+    turns = np.sqrt(np.mean(of[_SPRING]) / np.mean(of[_MASS]))  # rad/s
+    return bool(turns * np.max(np.asarray(parts.whole.grids.step)) > _TURNED)
 
 
 def _settled(parts: Split, base: State, choice: Choice, rules: Evidence) -> tuple[Split, State, Choice]:

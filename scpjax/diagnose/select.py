@@ -23,6 +23,7 @@ from scpjax.diagnose.worth import worthwhile
 from scpjax.fit.setup import Setup
 
 _SURE = 2  # rounds that are gone however long they take: without a second name a first one is often given up
+_NEAR = 9.0  # mean square, in units of the noise's, within which what is left may be due to long steps
 _OTHERS = 2  # gone where the best one ends away from the noise
 
 
@@ -36,11 +37,13 @@ def choose(
     progress: Progress | None = None,
     enough: Callable[[State], bool] | None = None,
     mend: Callable[[Choice], Choice] | None = None,
+    resolve: Callable[[State], bool] | None = None,
     patience: Patience | None = None,
 ) -> Choice:
     """Forward selection with pruning, from the base hypothesis; ``catalogue`` is the problem with every candidate.
-    ``enough(first)`` says whether to end with the first name; out of ``patience`` neither a third round nor another way
-    is begun, nor another round on such a way.
+    ``enough(first)`` says whether to end with the first name, ``resolve(leader)`` with what leads a round near the
+    noise because it is there by shorter steps; out of ``patience`` neither a third round nor another way is begun, nor
+    another round on such a way.
 
     Two that end away from the noise are asked for their laws together before a third is sought beside them.
     Where two mechanisms are close and neither reaches the noise, both ways are gone one round further, the second only
@@ -73,6 +76,8 @@ def choose(
         if leader.ended or at_noise(leader.state, split):
             break
         if round_ == 1 and enough is not None and enough(leader.state):
+            return _choice(leader)
+        if resolve is not None and at_noise(leader.state, split, _NEAR) and resolve(leader.state):
             return _choice(leader)
         far = not at_noise(leader.state, split, FAR)
         if far and round_ == _SURE < rules.most and not one_promises_the_rest(search, leader.state):

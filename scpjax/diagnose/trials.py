@@ -194,13 +194,13 @@ def in_order(state: State, first: str, split: Split) -> State:
 
 
 def integrable(state: State, split: Split, before: State | None = None) -> bool:
-    """Whether the integrator of the other order (or, of a drive that is not held, with steps half as long) predicts the
+    """Whether the integrator of the higher order (or, where that is theirs, with steps half as long) predicts the
     same, within half the noise or, of what was added to
     ``before``, within a quarter of what that changed: a force that changes steeply with velocity may fit by the errors
     of the steps alone.
     """
     whole = split.whole
-    data = whole.with_order(4 if whole.order == 2 else 2) if whole.grids.constant else whole.finer(2)
+    data = whole.with_order(4) if whole.order == 2 else whole.finer(2)
     other = residual_on(state.trial, data, state.setup)
     there = split.is_train | split.is_held
     cut_off = np.any(np.abs(other[there]) >= CEILING)

@@ -127,6 +127,7 @@ def test_what_is_resolved_stays_as_it_is():
 def test_where_no_steps_are_short_enough_it_says_so(monkeypatch):
     monkeypatch.setattr(final, "_FINE", 2)
     monkeypatch.setattr(final, "_FINEST", 2)
+    monkeypatch.setattr(final, "_HIGHER", 2)
     parts, state = fitted()
     fine, _, notes = resolved(state, parts)
     assert fine.whole.bin == 2 * parts.whole.bin

@@ -20,10 +20,11 @@ class Search:
         self.patience, self.curve = Patience(*patience), curve
         self.began, self.rivals = 0, []
 
-    def choose(self, base, parts, enough):
+    def choose(self, base, parts, enough, resolve):
         self.began += 1
         first, both = (SimpleNamespace(names=names, setup=None, trial=None) for names in (("a",), ("a", "b")))
-        return Choice(first if enough(first) else both, (), {}, {})  # type: ignore[arg-type]
+        ended = enough(first) or resolve(first)
+        return Choice(first if ended else both, (), {}, {})  # type: ignore[arg-type]
 
     def by_curve(self, base, rival, parts):
         self.rivals.append(rival.names)
@@ -32,7 +33,7 @@ class Search:
 
 @pytest.fixture
 def searched(monkeypatch):
-    def searched(patience, *, wild=False, most=True, curve=False, gaps=False):
+    def searched(patience, *, wild=False, most=True, curve=False, gaps=False, shorter=False):
         weights = np.ones(1)
         whole = SimpleNamespace(weights=np.zeros(1))  # some samples were left out beside the base model
         parts = SimpleNamespace(whole=whole, train=None, with_weights=lambda weights: parts)
@@ -42,6 +43,9 @@ def searched(monkeypatch):
         monkeypatch.setattr(naming, "find_gaps", lambda _: gaps)
         monkeypatch.setattr(naming, "_timed", lambda *_: pytest.fail("timed jumps"))
         monkeypatch.setattr(naming, "refine", lambda *_: (None, True, 0.0))
+        monkeypatch.setattr(naming, "_rings", lambda *_: shorter)
+        by_steps = SimpleNamespace(names=("a",))
+        monkeypatch.setattr(naming, "_shorter", lambda state, *_: ("fine", by_steps))
         monkeypatch.setattr(naming, "state_at", lambda *_: base)
         monkeypatch.setattr(naming, "at_rest", lambda *_: SimpleNamespace(names=("a", "b"), refitted=True))
         search = Search(patience, curve)
@@ -82,3 +86,17 @@ def test_out_of_patience_they_do_not_end_a_search_that_cannot_begin_anew(searche
 def test_out_of_patience_jumps_are_not_timed_anew_which_is_told_where_there_are_any(searched):
     assert searched(OVER, gaps=True)[0].patience.ended
     assert not searched(OVER, gaps=False)[0].patience.ended
+
+
+def test_a_first_name_that_is_enough_by_shorter_steps_ends_the_search(searched):
+    search, names, free = searched(IN_TIME, shorter=True)
+    assert (search.began, names, free) == (1, ("a",), None)
+    assert search.rivals == [("a",)]  # a curve was sought, before steps were tried
+    _, names, _ = searched(IN_TIME)
+    assert names == ("a", "b")
+
+
+def test_what_steps_were_enough_for_before_wild_samples_were_out_is_not_told(searched):
+    """The search begins anew, and with it what shorter steps make of a name."""
+    search, names, _ = searched(IN_TIME, wild=True, shorter=True)
+    assert (search.began, names) == (2, ("a",))

@@ -180,6 +180,21 @@ def test_the_search_can_be_ended_with_the_first_name(monkeypatch):
     assert asked == [()]
 
 
+def test_the_search_can_be_ended_with_names_that_shorter_steps_take_to_the_noise(monkeypatch):
+    asked = played(monkeypatch, {"a": 500.0, "ab": 5.0, "abc": 1.0})
+    put(monkeypatch, "at_noise", lambda state, split, level=1.0: state.cost <= level)
+    tried = []
+
+    def resolve(state):
+        tried.append(set(state.names))
+        return True
+
+    found = select.choose(Played((), 1000.0), None, Evidence(), None, resolve=resolve)  # type: ignore[arg-type]
+    assert set(found.state.names) == {"a", "b"}
+    assert tried == [{"a", "b"}]  # it is not asked far from the noise
+    assert ("a", "b") not in asked
+
+
 def test_the_same_names_by_two_ways_are_gone_on_from_once(monkeypatch):
     asked = played(monkeypatch, {"a": 500.0, "b": 505.0, "ab": 200.0, "abc": 1.0})
     assert chosen() == {"a", "b", "c"}

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scpjax.diagnose.choice import Choice
 from scpjax.diagnose.diagnose import _base
 from scpjax.diagnose.evidence import Evidence
-from scpjax.diagnose.naming import Found, _by_shorter_steps, _Seeker
+from scpjax.diagnose.naming import Found, _by_shorter_steps, _rings, _Seeker, _shorter
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.remainder import AT_NOISE, level
 from scpjax.diagnose.rivals import added
@@ -80,3 +80,46 @@ def test_friction_that_misses_the_noise_by_long_steps_reaches_it_by_short_ones(r
     assert level(again.choice.state, again.parts) <= AT_NOISE < level(again.base, again.parts)
     out_of_time = _Seeker(setup, Evidence(), 40, Patience(0.0), lambda text, share: None)
     assert _by_shorter_steps(found, out_of_time) is found
+
+
+def ringing(seed: int, k: float = K, m: float = 0.15) -> Recording:
+    """A light load that rings within a sample, held by Dahl's friction; its temperature goes in steps. By scipy."""
+    rng = np.random.default_rng(seed)
+    warm = np.repeat(rng.choice([0.0, 15.0, 30.0, 45.0, 60.0], 40), 25)
+    z, out = np.zeros(3), [0.0]
+    for hot in warm[:-1]:
+
+        def rates(_t, z, hot=hot):
+            x, v, contact = z
+            return [v, (C * hot - k * x - BETA * v - DRY * contact) / m, (v - abs(v) * contact) / GIVES]
+
+        z = solve_ivp(rates, (0.0, PERIOD), z, "LSODA", rtol=1e-7, atol=1e-11, max_step=0.02).y[:, -1]
+        out.append(z[0])
+    x = 1e3 * np.array(out) + NOISE_MM * rng.standard_normal(len(warm))
+    meta = Metadata(name=f"ringing {seed}", ambient_K=295.15, known=(("moving_mass_kg", m),), model="tm")
+    time = PERIOD * np.arange(len(warm))
+    return Recording.from_arrays(time, {"temperature_degC": 22.0 + warm}, {"displacement_mm": x}, metadata=meta)
+
+
+def test_where_a_load_rings_within_a_sample_a_higher_order_comes_first():
+    setup = prepare([ringing(1), ringing(2)])
+    parts, base, _ = _base(setup)
+    state = added(base, "friction", parts)
+    assert _rings(state, parts)
+    assert level(state, parts) > 1.5 * AT_NOISE
+    search = _Seeker(setup, Evidence(), 40, Patience(), lambda text, share: None)
+    found = _shorter(state, parts, search)
+    assert found is not None
+    fine, again = found
+    assert fine.whole.order == 4
+    assert level(again, fine) <= AT_NOISE
+    of = dict(zip([s.key for s in again.setup.structure.slots], again.values, strict=False))
+    held = of["friction.strength"] * of["elastic_spring.stiffness"] * of["friction.reference"]
+    assert held / of["elastic_spring.stiffness"] == pytest.approx(DRY / K, rel=0.1)  # only their ratio is seen at rest
+    assert _shorter(state, parts, _Seeker(setup, Evidence(), 40, Patience(0.0), lambda text, share: None)) is None
+
+
+def test_a_heavy_load_does_not_ring_within_a_sample():
+    setup = prepare([ringing(1, k=20.0, m=4.0)])
+    parts, base, _ = _base(setup)
+    assert not _rings(base, parts)
