@@ -141,7 +141,7 @@ def profiled(
 ) -> dict[str, Estimate]:
     """Estimates with the intervals of everything named in the model by profile likelihood where they differ from those
     of the Jacobian (``doubt``), of a trial that has come to rest on ``data``; an end that is never reached is that of
-    its bounds. Late by ``patience`` none is sought.
+    its bounds. Late by ``patience`` none is sought, and one that was not found by then stays as it was.
     """
     named = {m.name for m in setup.structure.mechanisms if not (m.is_base or m.learned)}
     slots = [s for s in setup.structure.slots if s.mechanism in named and s.key in every]
@@ -161,7 +161,7 @@ def profiled(
         sought = [e for e in sought if not e.done]
     out, space = dict(every), setup.space
     for s in slots:
-        mine = [e for e in ends if e.entry == s.index and e.tried]
+        mine = [e for e in ends if e.entry == s.index and e.done]
         if mine:
             out[s.key] = _with(every[s.key], mine, space)
     return out

@@ -24,7 +24,7 @@ class Found:
     evidence: Comparison
 
 
-def moving_with(state: State, problem: Setup, keys: Sequence[str]) -> np.ndarray:
+def _moving_with(state: State, problem: Setup, keys: Sequence[str]) -> np.ndarray:
     """What moves (parameters,) of a problem that holds a hypothesis and more: what moved in it, and ``keys``."""
     old, at = state.setup.structure, problem.structure.index
     moving = np.asarray(state.trial.active)
@@ -47,7 +47,7 @@ def fitted_beyond(
     """The best fit of ``problem``, which holds ``state`` and a closure with the parameters ``keys``, from some (values,
     laws); None where it is not better than without.
     """
-    active = moving_with(state, problem, keys)
+    active = _moving_with(state, problem, keys)
     trials = [problem.trial(value, active, laws, int(active.sum())) for value, laws in begun]
     solved, cost = fit_leading(problem, split, trials, state.cost, _STEPS)
     best = int(np.argmin(cost))

@@ -10,6 +10,7 @@ import scipy.integrate
 import scipy.optimize
 from diagnose.heated import base_of
 
+from scpjax.diagnose import intervals
 from scpjax.diagnose.final import fitted_to_all
 from scpjax.diagnose.intervals import profiled
 from scpjax.diagnose.patience import Patience
@@ -141,3 +142,15 @@ def test_none_is_sought_late():
     late = Patience(0.0, 0.0)
     assert profiled(setup, trial, data, doubt, every, late) == every
     assert "intervals by profile likelihood" in late.notes()[-1]
+
+
+def test_an_end_that_was_not_found_in_time_stays_as_it_was(monkeypatch):
+    """Patience that runs out after the ends were looked at once: what was tried by then is no end."""
+    setup, trial, data, doubt, every = lossy(3)
+    answers = iter([False, False, True])
+    patience = Patience()
+    monkeypatch.setattr(patience, "late", lambda what: next(answers))
+    monkeypatch.setattr(intervals, "_CLOSE", 0.0)
+    found = profiled(setup, trial, data, doubt, every, patience)
+    assert found == every
+    assert next(answers, None) is None
