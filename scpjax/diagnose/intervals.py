@@ -97,6 +97,8 @@ class _Profiles:
         self._setup, self._trial, self._data = setup, trial, data
         self._space: Space = setup.space
         self._scale = doubt.variance * doubt.inflation
+        # an idle place in that of a recording's own value is one more that all recordings depend on
+        self._lanes = int(np.shape(trial.lanes)[1]) + bool(setup.structure.own)
         self.least = self._worth(trial, solve(stack([trial]), data, self._space, max_steps=1), 0)
 
     def _worth(self, trial: Trial, found: Solution, i: int) -> float:
@@ -118,8 +120,8 @@ class _Profiles:
         fixed[entry], active[entry] = values[entry], False
         everything = np.array(space.values(self._trial.free, self._trial.fixed, self._trial.active))
         everything = np.where(active, values, everything)
-        width, lanes = len(self._trial.index), int(np.shape(self._trial.lanes)[1])
-        made = replace(self._setup, fixed=fixed).trial(everything, active, np.asarray(self._trial.laws), width, lanes)
+        width, laws = len(self._trial.index), np.asarray(self._trial.laws)
+        made = replace(self._setup, fixed=fixed).trial(everything, active, laws, width, self._lanes)
         return eqx.tree_at(lambda t: t.free, made, free.copy())
 
     def rises(self, trials: Sequence[Trial], steps: int) -> tuple[np.ndarray, np.ndarray]:

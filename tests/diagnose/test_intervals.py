@@ -12,10 +12,13 @@ from diagnose.heated import base_of
 
 from scpjax.diagnose import intervals
 from scpjax.diagnose.final import fitted_to_all
+from scpjax.diagnose.hypothesis import moving_parameters
 from scpjax.diagnose.intervals import profiled
+from scpjax.diagnose.own import with_own
 from scpjax.diagnose.patience import Patience
 from scpjax.diagnose.rivals import added
 from scpjax.diagnose.trials import under_law
+from scpjax.fit.fit import refine
 from scpjax.fit.identifiability import estimates, uncertainty
 from scpjax.recordings.recording import Metadata, Recording
 
@@ -154,3 +157,23 @@ def test_an_end_that_was_not_found_in_time_stays_as_it_was(monkeypatch):
     found = profiled(setup, trial, data, doubt, every, patience)
     assert found == every
     assert next(answers, None) is None
+
+
+@pytest.mark.parametrize("key", ["nonlinear_heat_loss.strength", "nonlinear_heat_loss.exponent"])
+def test_values_that_differ_by_recording_have_intervals_too(key):
+    """Held, such a value leaves its place to one that all recordings depend on: shapes must not differ for that."""
+    setup, trial, *_ = lossy(3)
+    data = setup.data
+    own = with_own(setup, key)
+    laws = np.asarray(trial.laws)
+    first = np.asarray(own.starts[0]).copy()
+    moves = moving_parameters(own, laws)
+    for width in range(int(moves.sum()), int(moves.sum()) + 4):
+        begun = own.trial(first, moves, laws, width)
+        found, _, _ = refine(own, data, begun)
+        doubt = uncertainty(found, data, own.space)
+        every = estimates(found, own.space, doubt)
+        told = profiled(own, found, data, doubt, every)
+        mine = [k for k in told if k.startswith(f"{key}@")]
+        assert len(mine) == 2
+        assert all(told[k].low < told[k].value < told[k].high for k in mine)
