@@ -26,6 +26,8 @@ _UNITS = {
     "time": ("Time", "s", 1.0),
     "frequency": ("Frequency", "Hz", 1.0),
 }
+_THOUSANDTHS = {"W": "mW", "N": "mN", "K": "mK", "mm": "µm"}
+_SMALL = 0.02  # of a unit, below which thousandths of it are drawn: ticks with many zeros push the label out
 _FORMS = {
     "reaction": (
         " It uses itself up, the faster the hotter it is: drying takes heat like that, and curing gives it.",
@@ -67,10 +69,12 @@ def _words(latent: Latent) -> str:
 def figure(latent: Latent, names: Sequence[str]) -> Figure:
     """The estimate with its 95 % band over time, recording by recording, and over what it goes with most."""
     unit, factor = _SCALED.get(latent.unit, (latent.unit, 1.0))
+    if unit in _THOUSANDTHS and factor * max(float(np.max(np.abs(m))) for m in latent.mean) < _SMALL:
+        unit, factor = _THOUSANDTHS[unit], 1e3 * factor
     rows = min(len(latent.time), _MOST)
     out = new_figure(8.6, 1.35 * rows + 0.75)
     grid = out.add_gridspec(
-        rows, 2, width_ratios=[1.75, 1], left=0.09, right=0.985, wspace=0.24, hspace=0.5,
+        rows, 2, width_ratios=[1.75, 1], left=0.105, right=0.985, wspace=0.24, hspace=0.5,
         top=1 - 0.27 / out.get_figheight(), bottom=0.5 / out.get_figheight(),
     )  # fmt: skip
     label = f"{_words(latent)}\n({unit})"

@@ -4,8 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from scpjax.diagnose.result import Latent
 from scpjax.fit.result import Trace
+from scpjax.report import missing
 from scpjax.report.numbers import estimate, interval, number, percent, plus_minus
 from scpjax.report.plot import envelope, overlay, png
 
@@ -71,3 +74,16 @@ def test_the_names_of_two_voltages_stand_above_their_curves():
 )
 def test_numbers(said, words):
     assert said == words
+
+
+@pytest.mark.parametrize(("size", "unit"), [(0.006, "mN"), (0.3, "N"), (40.0, "N")])
+def test_what_is_missing_is_labelled_within_its_figure(size, unit):
+    """Ticks of a force of thousandths of a newton have many zeros, and push their label to the left."""
+    time = np.linspace(0.0, 60.0, 50)
+    swing = size * np.sin(time)
+    estimate = ("thermomechanical", "force", "N", 10.0, 0.9, 1.0, (time,), (swing,), (0.05 * np.abs(swing),), ())
+    drawn = missing.figure(Latent(*estimate), ["pulses"])
+    FigureCanvasAgg(drawn).draw()
+    axis = drawn.axes[0]
+    assert axis.get_ylabel().endswith(f"({unit})")
+    assert axis.yaxis.label.get_window_extent().x0 > 0.0
