@@ -189,7 +189,14 @@ def test_a_closure_with_more_evidence_need_only_predict_as_well(monkeypatch, mor
     held = np.ones((1, 1, 1), bool)
     state = lambda left: SimpleNamespace(residual=np.full((1, 1, 1), np.sqrt(left)))  # noqa: E731
     learned = SimpleNamespace(state=state(100.0 + more))
-    for name, value in (("bend", None), ("learn", learned), ("reacting", None), ("level", 1.0), ("ahead", ahead)):
+    for name, value in (
+        ("bend", None),
+        ("learn", learned),
+        ("reacting", None),
+        ("carried_along", None),
+        ("level", 1.0),
+        ("ahead", ahead),
+    ):
         monkeypatch.setattr(beyond, name, lambda *_, value=value: value)
     monkeypatch.setattr(beyond, "_is_none_of", lambda *_: True)
     parts = SimpleNamespace(is_held=held)

@@ -138,6 +138,7 @@ def test_names_that_leave_little_are_corrected_in_their_balance_near_the_noise(m
         beyond, "form", lambda state, _parts, _rules, where, _patience: asked.append((state, list(where)))
     )
     monkeypatch.setattr(beyond, "reacting", lambda *_: None)
+    monkeypatch.setattr(beyond, "carried_along", lambda *_: None)
     choice, learned = beyond_names(parts, base, Choice(named, (), {}, {}), Evidence(), ["sensor"])
     assert choice.state is named
     assert learned is None
