@@ -304,7 +304,8 @@ def _verdict(
     ratio = level(state, parts)
     names = " and ".join(_in_a_sentence(m.title) for m in named)
     as_well = f" ({' or '.join(closure.equivalents)} would do as well here)" if closure and closure.equivalents else ""
-    form = f"{closure.expression}{as_well}; with it the misfit is {left:.1f} times the noise." if closure else ""
+    instead = (closure.in_a_sentence or closure.expression) if closure else ""
+    form = f"{instead}{as_well}; with it the misfit is {left:.1f} times the noise." if closure else ""
     learned = f" Learned in its place: {form}" if closure else ""
     if not named and ratio <= AT_NOISE:
         return "adequate", "Nothing is missing: at this noise the base model explains the recordings."
@@ -332,7 +333,7 @@ def _verdict(
         return (
             "explained",
             f"Left out of the base model: {names}. That leaves {ratio:.1f} times the noise, which a correction in form "
-            f"takes away: {closure.expression}.",
+            f"takes away: {instead}.",
         )
     return (
         "unexplained",

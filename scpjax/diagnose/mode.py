@@ -117,14 +117,10 @@ def draw_mode(found: Mode, every: Mapping[str, Estimate], values: Mapping[str, f
     stiffness, share, period, damping = (every[key] for key in _KEYS)
     spring = of_base(values, "elastic_spring.stiffness")
 
-    def told(of: Estimate, factor: float = 1.0) -> str:
-        error = f" ± {of.std * factor:.1g}" if np.isfinite(of.std) else ""
-        return f"({of.value * factor:.3g}{error})"
-
     says = (
-        f"force against contraction = {told(stiffness, spring)} N/m (x - q + 2 z/w d(x - q)/dt), and what is read is x "
-        f"+ {told(share)} (q - x), with q that follows x as a mass on a spring does: period 2 pi/w = {told(period)} s, "
-        f"damping z = {told(damping)}"
+        f"force against contraction = ({_rounded(stiffness, spring)}) N/m (x - q + 2 z/w d(x - q)/dt), and what is "
+        f"read is x + ({_rounded(share)}) (q - x), with q that follows x as a mass on a spring does: period 2 pi/w = "
+        f"({_rounded(period)}) s, damping z = ({_rounded(damping)})"
     )
     frequency = np.geomspace(1.0 / _FACTOR, _FACTOR, _POINTS) / period.value
     at = [doubt.keys.index(key) for key in _KEYS[2:]]
@@ -144,10 +140,20 @@ def draw_mode(found: Mode, every: Mapping[str, Estimate], values: Mapping[str, f
         found.evidence.held_out_gain,
         found.evidence.delta_bic,
         Drawn("frequency", "Hz", "|q/x|", "1", frequency, here, spread, "", here, 0.0),
+        in_a_sentence=(
+            f"something that swings along, with a period of {_rounded(period)} s and a damping ratio of "
+            f"{_rounded(damping)}"
+        ),
     )
+
+
+def _rounded(of: Estimate, factor: float = 1.0) -> str:
+    """An estimate in a unit ``factor`` of its own, with one standard error."""
+    error = f" ± {of.std * factor:.1g}" if np.isfinite(of.std) else ""
+    return f"{of.value * factor:.3g}{error}"
 
 
 def _amplification(frequency: np.ndarray, period: float, damping: float) -> np.ndarray:
     """Amplitude of q for an amplitude of 1 of x."""
-    r = frequency * period
-    return np.abs((1.0 + 2j * damping * r) / (1.0 - r * r + 2j * damping * r))
+    loss = 2.0 * damping * period
+    return np.abs(signal.freqs([loss, 1.0], [period**2, loss, 1.0], worN=frequency)[1])

@@ -74,4 +74,8 @@ def draw_reaction(
         found.evidence.held_out_gain,
         found.evidence.delta_bic,
         Drawn("temperature", "K", "Q s(T) w", "1/s", temperature * (1.0 + below), rate, spread, "", rate, 0.0),
+        in_a_sentence=(
+            f"something that {'takes' if heat.value >= 0 else 'gives'} {abs(heat.value * scale):.3g}{error} J of heat "
+            "until it is used up, the faster the hotter it is"
+        ),
     )

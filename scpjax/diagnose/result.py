@@ -158,7 +158,8 @@ class Drawn:
 @dataclass(frozen=True)
 class Closure:
     """A learned closure: ``expression`` with its units, what it ``depends_on`` and how much better it predicts;
-    ``curve``, where it is one and no sum of terms; ``equivalents``: other forms that predict the same here."""
+    ``curve``, where it is one and no sum of terms; ``equivalents``: other forms that predict the same here;
+    ``in_a_sentence``: what it is for the verdict, where the whole expression is too long for one."""
 
     subsystem: str
     place: str
@@ -169,6 +170,7 @@ class Closure:
     delta_bic: float
     curve: Drawn | None = None
     equivalents: tuple[str, ...] = ()
+    in_a_sentence: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -263,6 +265,7 @@ def _closure(c: Closure) -> dict[str, Any]:
         "place": c.place,
         "depends_on": list(c.depends_on),
         "expression": c.expression,
+        "in_a_sentence": c.in_a_sentence or c.expression,
         "held_out_gain": c.held_out_gain,
         "delta_bic": c.delta_bic,
         "terms": {k: e.to_dict() for k, e in c.terms.items()},

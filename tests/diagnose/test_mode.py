@@ -76,6 +76,8 @@ def test_it_is_learned_in_its_units_and_placed_in_the_force_balance(swinging):
         assert of.std < 0.2 * true
     assert stiffness.value * STIFFNESS == pytest.approx(SECOND * OMEGA**2, abs=4 * stiffness.std * STIFFNESS)
     assert " N/m (x - q" in found.expression
+    assert f"something that swings along, with a period of {period.value:.3g} ± " in said.says
+    assert found.expression not in said.says
     drawn = found.curve
     assert drawn is not None
     assert (drawn.variable, drawn.at_unit) == ("frequency", "Hz")

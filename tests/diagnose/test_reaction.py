@@ -76,6 +76,8 @@ def test_heat_that_is_used_up_is_learned_in_its_units(drying):
     scale = loss * reference * said.model.values()["learned_reaction.reference_time"]
     assert joules == pytest.approx(BOUND, abs=4 * heat.std * scale)
     assert "J s(T) w" in said.closure.expression
+    assert f"something that takes {joules:.3g} ± " in said.says
+    assert "s(T)" not in said.says
     drawn = said.closure.curve
     assert drawn is not None
     assert (drawn.at[0], drawn.at_unit, drawn.unit) == (0.0, "K", "1/s")
