@@ -99,7 +99,16 @@ ACTIVE = {
     },
     "sensor_lag": {"time_constant": 0.3, "share": 0.6},
     "slack": {"gap": 0.2, "corner": 0.05, "reference": 0.0025},
-    "supply_sag": {"sag": 0.4, "time_constant": 2.0, "capacity": 1.6, "reference": 10.0, "reference_time": 6.0},
+    "supply_sag": {
+        "sag": 0.4,
+        "time_constant": 2.0,
+        "capacity": 1.6,
+        "at_once": 0.25,
+        "slow_share": 0.4,
+        "slow_ratio": 5.0,
+        "reference": 10.0,
+        "reference_time": 6.0,
+    },
     "thermal_softening": {"softening": 0.4, "transition": 0.5, "width": 0.2, "reference": 20.0},
     "two_node_thermal": {"share": 0.4, "time_constant": 0.3, "slow_part": 0.3, "slow_ratio": 7.0},
 }

@@ -44,7 +44,7 @@ def test_thermal_mechanism_closes(case):
     z0 = model.initial(temperature=10.0)
     balance = energy_balance(model, recording, initial=z0)
     assert _closes(balance)
-    share, slow = {"two_node_thermal": (0.4, {3: 0.3, 4: 0.5}.get(law, 0.0))}.get(name, (0.0, 0.0))
+    share, slow = {"two_node_thermal": (0.4, {3: 0.3, 4: 0.5, 7: 0.3}.get(law, 0.0))}.get(name, (0.0, 0.0))
     if name in ("two_node_thermal", "resistance_temperature", "nonlinear_heat_loss"):
         states = np.asarray(simulate(model, recording, initial=z0, method=Exponential(substeps=8)).states)
         weights = {"second": share * (1 - slow), "third": share * slow}

@@ -33,7 +33,7 @@ def convection(law):
 def two_nodes(law):
     if law == 4:
         return layers()
-    share, tau, slow, ratio = 0.4, 0.3, 0.3 if law == 3 else 0.0, 7.0
+    share, tau, slow, ratio = 0.4, 0.3, 0.3 if law in (3, 7) else 0.0, 7.0
     between = share * (1 - share) * C_TH / tau
 
     def rates(_t, z, u):
@@ -43,7 +43,9 @@ def two_nodes(law):
         first = (u / R - loss - quickly - slowly) / ((1 - share) * C_TH)
         second = (quickly - loss2) / ((1 - slow) * share * C_TH)
         third = between / (share * C_TH) / ratio * (t - t3)
-        return [first, *mechanics(x, v, t if law >= 2 else t2, K * x), second, third]
+        mean = (1 - share) * t + share * ((1 - slow) * t2 + slow * t3)
+        pulls = t2 if law < 2 else mean if law >= 6 else t
+        return [first, *mechanics(x, v, pulls, K * x), second, third]
 
     return rates, (*START, WARM, WARM)
 

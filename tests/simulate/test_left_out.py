@@ -26,6 +26,7 @@ from scpjax.simulate.simulate import Adaptive, Exponential, simulate
         ("supply_sag", 4, {"sag": 0.3, "time_constant": 2.0, "reference": 5.0}, 0.03),
         ("supply_sag", 6, {"sag": 0.2, "time_constant": 2.0, "reference": 5.0}, 0.03),
         ("supply_sag", 10, {"sag": 0.2, "time_constant": 2.0, "reference": 5.0}, 0.03),
+        ("supply_sag", 14, {"sag": 0.3, "time_constant": 2.0, "slow_ratio": 4.0, "reference": 5.0}, 0.03),
         ("input_delay", 1, {"time": 1.5, "share": 0.8}, 1e-4),
     ],
 )
@@ -41,19 +42,24 @@ def test_what_remembers_the_drive_begins_as_what_has_kept_it_warm_left_it(name, 
     long = recorded(time, {d: np.full(len(time), v) for d, v in zip(drives, volts, strict=True)})
     ended = np.asarray(simulate(model, long).states)[-1]
     found = np.asarray(model.initial(temperature=jnp.asarray(ended[:sides])))
-    mine = [i for i, state in enumerate(structure.state_names) if "drawn" in state or "lagged" in state]
+    its_own = ("drawn", "lagged", *(("slow_drawn",) if law == 14 else ()))
+    mine = [
+        i
+        for i, state in enumerate(structure.state_names)
+        if state.partition(".")[2].split("_a")[0].rstrip("_123") in its_own
+    ]
     assert mine
     assert np.all(ended[mine] > 0.3)
     np.testing.assert_allclose(found[mine], ended[mine], rtol=rtol)
     np.testing.assert_array_less(np.asarray(model.initial())[mine], 1e-5)
 
 
-@pytest.mark.parametrize("law", [0, 1, 2, 4, 8, 10])
+@pytest.mark.parametrize("law", [0, 1, 2, 4, 8, 10, 12, 14])
 def test_what_a_dead_time_brings_over_is_what_the_supply_must_be_asked_for(law):
     model = with_active(extended(PLANT.structure, "supply_sag"), "supply_sag", law)
     z = list(model.initial(WARM))
     if law in (1, 8):  # by which something has been drawn
-        z[-1] = jnp.asarray(0.8)
+        z[model.structure.state_names.index("supply_sag.drawn")] = jnp.asarray(0.8)
     asked = model.balances().holding(z, jnp.zeros(1))
     np.testing.assert_allclose(model.rates(jnp.stack(z), asked)[0], 0.0, atol=1e-12)
     plain = float(np.sqrt(LAM * WARM * R))

@@ -9,7 +9,7 @@ from sim_cases import PLANT, extended, multilevel, recorded, worst
 from written_out import C_TH, LAM, R
 
 from scpjax.physics import presets
-from scpjax.physics.catalogue import left_out
+from scpjax.physics.catalogue import catalogue, left_out
 from scpjax.physics.model import Model
 from scpjax.simulate.simulate import Adaptive, Exponential, simulate
 
@@ -33,15 +33,17 @@ def test_both_actuators_of_a_joint_draw_on_one_supply():
     np.testing.assert_allclose(model.rates(warm, asked)[:2], 0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("law", [5, 6, 7, 9, 11], ids=["charge", "polarisation", "cell", "exhaustion", "late load"])
+@pytest.mark.parametrize("law", [5, 6, 7, 9, 11, 13], ids=lambda law: catalogue()["supply_sag"].laws[law])
 def test_both_actuators_of_a_joint_tire_one_supply(law):
-    model = on_one_supply(law, sag=0.15, capacity=4.0)
+    model = on_one_supply(law, sag=0.15, capacity=4.0, at_once=0.4)
     names = model.structure.state_names
-    drawn = [i for i, name in enumerate(names) if "drawn" in name]
+    drawn = [i for i, name in enumerate(names) if ".drawn" in name]
     volts = np.array([8.0, 3.0])
 
     def given(q):
         q = q / (1 - q / 4.0) if law == 9 else q
+        if law == 13:  # 0.4 of what is lost at once, by what both together draw
+            return volts * (1 - 0.09 * q) / (1 + 0.06 * volts.sum() / 10)
         return np.maximum(volts - 1.5 * q, 0.0) if law == 7 else volts * (1 - 0.15 * q)
 
     def rates(_t, z):

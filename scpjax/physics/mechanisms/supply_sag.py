@@ -13,7 +13,9 @@ LEAST = 0.05  # of the volts, that the supply gives in any case
 AT_ONCE, CHARGE, POLARISED, CELL = (0, 3), (1, 5, 8, 9), (2, 6), (4, 7)  # laws by what tires the supply
 LATE = (10, 11)  # and laws load, later
 EXHAUSTS = (8, 9)  # of those by charge, laws of one that comes to an end
-SHARED = (3, 5, 6, 7, 9, 11)  # laws of one supply for both actuators of a joint
+THEVENIN = (12, 13, 14, 15)  # a resistance at once, polarised beside it
+TWO_BRANCHES = (14, 15)  # of those, in two times
+SHARED = (3, 5, 6, 7, 9, 11, 13, 15)  # laws of one supply for both actuators of a joint
 
 
 def _root(effort: Side) -> Side:
@@ -33,15 +35,18 @@ class SupplySag(Mechanism):
         "V_wire = V (1 - s q);  law load: q = |V|/V_ref;  law charge: dq/dt = |V_wire|/(V_ref t_ref);  "
         "law polarisation: tau dq/dt = |V_wire|/V_ref - q;  law cell: V_wire = V - s V_ref q, not below 0, with the q "
         "of polarisation;  law exhaustion: q/(1 - q/c) in place of q, with the q of charge, 1 - q/c at least 0.05;  "
-        "law late load: tau dq/dt = |V|/V_ref - q, V as it was recorded;  laws shared load, shared charge, shared "
-        "polarisation, shared cell, shared exhaustion, shared late load: a joint's one supply, of which q takes the "
-        "sum over both actuators"
+        "law late load: tau dq/dt = |V|/V_ref - q, V as it was recorded;  law Thevenin: V_wire = V (1 - s (1 - a) q)/"
+        "(1 + s a |V|/V_ref), with the q of polarisation;  law Thevenin, two branches: (1 - b) q + b q_s in place of "
+        "that q, r tau dq_s/dt = |V_wire|/V_ref - q_s;  laws shared load, shared charge, shared polarisation, shared "
+        "cell, shared exhaustion, shared late load, shared Thevenin: a joint's one supply, of which q takes the sum "
+        "over both actuators"
     )
     source = (
         "load: source resistance before a smoothed PWM, or, late, a source that folds back as it warms; charge, "
         "exhaustion and polarisation: Shepherd's battery equation, J. Electrochem. Soc. 112 (1965) 657; cell: a "
-        "resistor and a capacitor in parallel before the wire, the Thevenin model of Plett, Battery Management "
-        "Systems I, ch. 2"
+        "resistor and a capacitor in parallel before the wire; Thevenin: the model of Plett, Battery Management "
+        "Systems I, ch. 2, a resistance in series with one such pair or two, before a drive that is switched: the "
+        "wire gets V/V_ref of what is left of the cell's volts"
     )
     says = "The battery gives fewer volts the more is drawn from it, so strong drives reach the wire weakened."
     needs = ("voltage",)
@@ -59,22 +64,29 @@ class SupplySag(Mechanism):
         "shared exhaustion",
         "late load",
         "shared late load",
+        "Thevenin",
+        "shared Thevenin",
+        "Thevenin, two branches",
+        "shared Thevenin, two branches",
     )
     law_needs: ClassVar[dict[int, tuple[str, ...]]] = dict.fromkeys(SHARED, ("joint",))
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {
-        "time_constant": POLARISED + CELL + LATE,
+        "time_constant": POLARISED + CELL + LATE + THEVENIN,
         "capacity": EXHAUSTS,
+        "at_once": THEVENIN,
+        "slow_share": TWO_BRANCHES,
+        "slow_ratio": TWO_BRANCHES,
     }
-    states = ("drawn",)
+    states = ("drawn", "slow_drawn")
     parameters = (
         Parameter(
             name="sag",
             symbol="s",
             unit="1",
             description="share of the volts that is lost where the greatest drive is asked for (laws load), or "
-            "given for long (laws polarisation) or asked for so long (laws late load) or given for the reference time "
-            "(laws charge; exhaustion: at the pace of the beginning); resistance of the cell over that of the wire "
-            "(laws cell)",
+            "given for long (laws polarisation, Thevenin) or asked for so long (laws late load) or given for the "
+            "reference time (laws charge; exhaustion: at the pace of the beginning); resistance of the cell over that "
+            "of the wire (laws cell)",
             typical=0.15,
             bounds=(0.003, 0.9),
             null=0.0,
@@ -84,7 +96,8 @@ class SupplySag(Mechanism):
             name="time_constant",
             symbol="τ",
             unit="s",
-            description="time in which the supply tires and recovers (laws polarisation, cell, late load)",
+            description="time in which the supply tires and recovers (laws polarisation, cell, late load, Thevenin; of "
+            "two branches the quicker one)",
             typical=0.5,
             bounds=(0.02, 20.0),
             null=1.0,
@@ -100,6 +113,38 @@ class SupplySag(Mechanism):
             typical=1.5,
             bounds=(0.05, 30.0),
             null=1.5,
+            spread=1.0,
+        ),
+        Parameter(
+            name="at_once",
+            symbol="a",
+            unit="1",
+            description="share of what is lost that a resistance takes at once (laws Thevenin)",
+            typical=0.3,
+            bounds=(0.01, 0.99),
+            null=0.3,
+            scale="linear",
+            spread=0.3,
+        ),
+        Parameter(
+            name="slow_share",
+            symbol="b",
+            unit="1",
+            description="share of what is lost later that the slower branch takes (laws Thevenin, two branches)",
+            typical=0.5,
+            bounds=(0.01, 0.99),
+            null=0.5,
+            scale="linear",
+            spread=0.3,
+        ),
+        Parameter(
+            name="slow_ratio",
+            symbol="r",
+            unit="1",
+            description="time of the slower branch over that of the quicker one (laws Thevenin, two branches)",
+            typical=6.0,
+            bounds=(1.5, 100.0),
+            null=6.0,
             spread=1.0,
         ),
         Parameter(
@@ -123,7 +168,7 @@ class SupplySag(Mechanism):
             fixed=True,
         ),
     )
-    starts = ((0.15, 0.5, 1.5, 0.0, 0.0),)
+    starts = ((0.15, 0.5, 1.5, 0.3, 0.5, 6.0, 0.0, 0.0),)
 
     def _drives(self, p: Values, effort: Side) -> Side:
         """|V|/V_ref; the small floor keeps its derivative finite at 0 V."""
@@ -135,36 +180,54 @@ class SupplySag(Mechanism):
         return jnp.where(_one_of(p.law, SHARED), jnp.sum(drives), drives)
 
     def _drawn(self, p: Values, view: View) -> Side:
-        """q, or what stands in its place near the end of a charge."""
+        """q, or what stands in its place near the end of a charge, or of two branches."""
+        quick, slow = view.own
         left = jnp.maximum(1.0 - view.own[0] / p.capacity, LEAST)
-        return view.own[0] / jnp.where(_one_of(p.law, EXHAUSTS), left, 1.0)
+        drawn = quick + jnp.where(_one_of(p.law, TWO_BRANCHES), p.slow_share, 0.0) * (slow - quick)
+        return drawn / jnp.where(_one_of(p.law, EXHAUSTS), left, 1.0)
+
+    def _at_once(self, p: Values) -> Side:
+        """Share of what is lost that is lost at once, beside what is lost later."""
+        return jnp.where(_one_of(p.law, THEVENIN), p.at_once, 0.0)
 
     def effort(self, p: Values, view: View, effort: Side) -> Side:
-        drawn = jnp.where(_one_of(p.law, AT_ONCE), self._draws(p, effort), self._drawn(p, view))
+        asked, at_once = self._draws(p, effort), self._at_once(p)
+        drawn = jnp.where(_one_of(p.law, AT_ONCE), asked, (1.0 - at_once) * self._drawn(p, view))
+        left = jnp.maximum(1.0 - p.sag * drawn, LEAST) / (1.0 + p.sag * at_once * asked)
         volts = _root(effort)
         cell = jnp.maximum(volts - p.sag * p.reference * view.own[0], 0.0) / jnp.where(volts > 0, volts, 1.0)
-        return effort * jnp.where(_one_of(p.law, CELL), cell, jnp.maximum(1.0 - p.sag * drawn, LEAST)) ** 2
+        return effort * jnp.where(_one_of(p.law, CELL), cell, left) ** 2
 
     def effort_for(self, p: Values, view: View, effort: Side) -> Side:
-        share = _asked_for(p, self._draws(p, effort))
-        later = 1.0 / jnp.maximum(1.0 - p.sag * self._drawn(p, view), LEAST)
+        given, at_once = self._draws(p, effort), self._at_once(p)
+        share = _asked_for(p, given)
+        drawn = (1.0 - at_once) * self._drawn(p, view)
+        left = jnp.maximum(1.0 - p.sag * drawn, LEAST)
+        later = 1.0 / jnp.maximum(left - p.sag * at_once * given, LEAST)
         asked = effort * jnp.where(_one_of(p.law, AT_ONCE), share, later) ** 2
         cell = jnp.where(effort > 0, (_root(effort) + p.sag * p.reference * view.own[0]) ** 2, 0.0)
         return jnp.where(_one_of(p.law, CELL), cell, asked)
 
     def rates(self, p: Values, view: View) -> tuple[Side, ...]:
         given = self._draws(p, jnp.where(_one_of(p.law, LATE), view.asked, view.effort))
+        quick, slow = view.own
         charge = _one_of(p.law, CHARGE)
-        return (jnp.where(charge, given / p.reference_time, (given - view.own[0]) / p.time_constant),)
+        return (
+            jnp.where(charge, given / p.reference_time, (given - quick) / p.time_constant),
+            jnp.where(_one_of(p.law, TWO_BRANCHES), (given - slow) / (p.slow_ratio * p.time_constant), 0.0),
+        )
 
     def initial(self, p: Values, view: View) -> tuple[Side, ...]:
-        """As long drained by what has kept it so warm (polarisation, cell): what it had given by then is not known."""
+        """As long drained by what has kept it so warm (polarisation, cell, Thevenin): what it had given by then is not
+        known.
+        """
         share = jnp.maximum(view.effort, 0.0) / p.reference**2
         # nearly its root, but for the little that a cold one's temperature is uncertain by
         drawn = share / jnp.sqrt(share + LITTLE)
         drawn = jnp.where(_one_of(p.law, SHARED), jnp.sum(drawn), drawn)
         drawn = drawn * jnp.where(_one_of(p.law, LATE), _asked_for(p, drawn), 1.0)
-        return (jnp.where(_one_of(p.law, POLARISED + CELL + LATE), drawn, 0.0),)
+        tired = POLARISED + CELL + LATE + THEVENIN
+        return tuple(jnp.where(_one_of(p.law, laws), drawn, 0.0) for laws in (tired, TWO_BRANCHES))
 
 
 def _asked_for(p: Values, drawn: Side) -> Side:

@@ -20,19 +20,23 @@ class TwoNodeThermal(Mechanism):
         "law sheath: T_2 loses the heat and is felt, T pulls; law store: T is felt and pulls; "
         "law two stores: as store, but q of f C_th goes into T_3, with r tau in the place of tau; "
         "law layers: as core, but f C_th is two layers behind one another, 3/2 g to T_2 and from there 3/4 g to T_3, "
-        "and their mean pulls"
+        "and their mean pulls; laws store, mean and two stores, mean: as store and two stores, but what pulls is the "
+        "mean of all, (1-f) T + f ((1-q) T_2 + q T_3)"
     )
     source = (
         "lumped two-node conduction: Incropera ch. 5; wire and polymer: thesis 3.3.5; sheath: as a thermowell or a "
-        "coating about what is heated, Incropera ch. 3; stores side by side, of "
-        "several time constants: thermal networks as of JEDEC JESD51-14 (2010); layers: conduction into a slab by "
-        "two finite volumes, Patankar (1980) ch. 4, whose mean is behind a steadily warming skin as T_2 of law core is"
+        "coating about what is heated, Incropera ch. 3; stores side by side, of several time constants: thermal "
+        "networks as of JEDEC JESD51-14 (2010); layers: conduction into a slab by two finite volumes, Patankar (1980) "
+        "ch. 4, whose mean is behind a steadily warming skin as T_2 of law core is; mean: a fibre heated from its skin "
+        "contracts by the mean over its section, and however heat spreads in it, it is from the skin as stores side "
+        "by side (Foster's network, JESD51-14), with the same mean, as the heat in them is the same"
     )
     says = "The heated part warms first and the rest follows: the actuator is not at one temperature."
     needs = ("thermal",)
     excited_by = "voltage steps, with temperature and displacement recorded together"
-    laws = ("core", "wire", "store", "two stores", "layers", "sheath")
-    only_under: ClassVar[dict[str, tuple[int, ...]]] = {"slow_part": (3,), "slow_ratio": (3,)}
+    laws = ("core", "wire", "store", "two stores", "layers", "sheath", "store, mean", "two stores, mean")
+    only_under: ClassVar[dict[str, tuple[int, ...]]] = dict.fromkeys(("slow_part", "slow_ratio"), (3, 7))
+    law_needs: ClassVar[dict[int, tuple[str, ...]]] = dict.fromkeys((6, 7), ("mechanical",))
     states = ("second_temperature", "third_temperature")
     parameters = (
         Parameter(
@@ -84,7 +88,7 @@ class TwoNodeThermal(Mechanism):
     def _held(self, p: Values, view: View) -> tuple[Side, Side]:
         """Thermal masses of the second and the third node."""
         both = jnp.where(p.time_constant > SHORTEST, p.share * view.shared["thermal_mass"], 0.0)
-        slow = jnp.where(p.law == 3, p.slow_part, jnp.where(p.law == 4, 0.5, 0.0))
+        slow = jnp.where((p.law == 3) | (p.law == 7), p.slow_part, jnp.where(p.law == 4, 0.5, 0.0))
         return both * (1 - slow), both * slow
 
     def _nearing(self, p: Values, view: View) -> tuple[Side, Side]:
@@ -124,8 +128,12 @@ class TwoNodeThermal(Mechanism):
         return (view.temperature, view.temperature)
 
     def actuating_temperature(self, p: Values, view: View, temperature: Side) -> Side:
-        inner = jnp.where(p.law == 4, 0.5 * (view.own[0] + view.own[1]), view.own[0])
-        return jnp.where(((p.law < 2) | (p.law == 4)) & (p.time_constant > SHORTEST), inner, temperature)
+        second, third = view.own
+        inner = jnp.where(p.law == 4, 0.5 * (second + third), second)
+        held = jnp.where(p.law == 7, second + p.slow_part * (third - second), second)
+        pulls = jnp.where(p.law >= 6, temperature + p.share * (held - temperature), inner)
+        heated = (p.law == 2) | (p.law == 3) | (p.law == 5)  # the node that is heated pulls, as without a second one
+        return jnp.where(heated | (p.time_constant <= SHORTEST), temperature, pulls)
 
     def felt_temperature(self, p: Values, view: View, temperature: Side) -> Side:
         return jnp.where(_is_outer(p), view.own[0], temperature)
