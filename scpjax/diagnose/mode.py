@@ -156,4 +156,4 @@ def _rounded(of: Estimate, factor: float = 1.0) -> str:
 def _amplification(frequency: np.ndarray, period: float, damping: float) -> np.ndarray:
     """Amplitude of q for an amplitude of 1 of x."""
     loss = 2.0 * damping * period
-    return np.abs(signal.freqs([loss, 1.0], [period**2, loss, 1.0], worN=frequency)[1])
+    return np.abs(signal.freqresp(([loss, 1.0], [period**2, loss, 1.0]), w=frequency)[1])

@@ -97,7 +97,7 @@ ACTIVE = {
         "reference_temperature": 20.0,
         "reference_time": 6.0,
     },
-    "sensor_lag": {"time_constant": 0.3, "share": 0.6},
+    "sensor_lag": {"time_constant": 0.3, "share": 0.6, "stage_ratio": 0.25},
     "slack": {"gap": 0.2, "corner": 0.05, "reference": 0.0025},
     "supply_sag": {
         "sag": 0.4,
