@@ -117,10 +117,12 @@ def test_exchange_by_radiation_is_its_equation():
     np.testing.assert_allclose(balance["lost"] + balance["stored"], balance["supplied"], rtol=1e-5)
 
 
-def test_a_plume_of_free_convection_goes_with_the_power_five_quarters():
+@pytest.mark.parametrize(("law", "power"), [("free convection", 5 / 4), ("power", 2 / 3)])
+def test_a_plume_may_go_with_a_power_of_the_temperature(law, power):
     def rates(_t, z, volts):
-        carried = z * (np.hypot(z, 1.0) / 50.0) ** 0.25
+        carried = z * (np.hypot(z, 1.0) / 50.0) ** (power - 1)
         return (volts**2 / R - LAM * z + 0.4 * LAM * np.array([0.3 * carried[1], 1.7 * carried[0]])) / C_TH
 
-    found = temperatures(joint("free convection", exchange=0.4, lean=0.7))[:, :2]
+    own = {"exponent": power} if law == "power" else {}
+    found = temperatures(joint(law, exchange=0.4, lean=0.7, **own))[:, :2]
     np.testing.assert_allclose(found, by_scipy(rates), rtol=1e-5, atol=1e-6)

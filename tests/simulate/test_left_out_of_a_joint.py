@@ -33,7 +33,7 @@ def test_both_actuators_of_a_joint_draw_on_one_supply():
     np.testing.assert_allclose(model.rates(warm, asked)[:2], 0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("law", [5, 6, 7, 9, 11, 13], ids=lambda law: catalogue()["supply_sag"].laws[law])
+@pytest.mark.parametrize("law", [5, 6, 7, 9, 11, 13, 17], ids=lambda law: catalogue()["supply_sag"].laws[law])
 def test_both_actuators_of_a_joint_tire_one_supply(law):
     model = on_one_supply(law, sag=0.15, capacity=4.0, at_once=0.4)
     names = model.structure.state_names
@@ -42,14 +42,14 @@ def test_both_actuators_of_a_joint_tire_one_supply(law):
 
     def given(q):
         q = q / (1 - q / 4.0) if law == 9 else q
-        if law == 13:  # 0.4 of what is lost at once, by what both together draw
+        if law in (13, 17):  # 0.4 of what is lost at once, by what both together draw
             return volts * (1 - 0.09 * q) / (1 + 0.06 * volts.sum() / 10)
         return np.maximum(volts - 1.5 * q, 0.0) if law == 7 else volts * (1 - 0.15 * q)
 
     def rates(_t, z):
         total = (volts if law == 11 else given(z[2])).sum() / 10
         heat = (given(z[2]) ** 2 / R - LAM * z[:2]) / C_TH
-        return [*heat, total / 6.0 if law in (5, 9) else (total - z[2]) / 2.0]
+        return [*heat, total / 6.0 if law in (5, 9, 17) else (total - z[2]) / 2.0]
 
     time = np.arange(0, 10, 0.01)
     exact = scipy.integrate.solve_ivp(rates, (0, time[-1]), [0.0] * 3, t_eval=time, rtol=1e-9, atol=1e-12)

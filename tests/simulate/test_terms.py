@@ -15,16 +15,16 @@ def sagging(law):
         volts, drawn = np.sqrt(u), np.sqrt(u) / 10 if law in (0, 3) else z[3]
         drawn = drawn / max(1 - drawn / 1.6, 0.05) if law in (8, 9) else drawn
         if law >= 12:  # 0.25 of the loss at once, of the rest 0.4 by a branch that is 5 times as slow
-            late = z[3] if law < 14 else 0.6 * z[3] + 0.4 * z[4]
+            late = 0.6 * z[3] + 0.4 * z[4] if law in (14, 15) else z[3]
             return (volts * (1 - 0.3 * late) / (1 + 0.1 * volts / 10)) ** 2
         return (max(volts - 0.4 * 10 * drawn, 0.0) if law in (4, 7) else volts * (1 - 0.4 * drawn)) ** 2
 
     def fill(t, z, u):
         given = np.sqrt(u if law in (10, 11) else left(z, u)) / 10
-        return given / 6.0 if law in (1, 5, 8, 9) else (given - z[3]) / 2.0
+        return given / 6.0 if law in (1, 5, 8, 9, 16, 17) else (given - z[3]) / 2.0
 
     def fill_slowly(t, z, u):
-        return (np.sqrt(left(z, u)) / 10 - z[4]) / 10.0 if law >= 14 else 0.0
+        return (np.sqrt(left(z, u)) / 10 - z[4]) / 10.0 if law in (14, 15) else 0.0
 
     return plant(power=lambda t, z, u: left(z, u) / R, own=(fill, fill_slowly))
 
@@ -129,7 +129,7 @@ def _each(laws: int | tuple[int, ...]) -> Iterable[int]:
 
 
 TERMS = {
-    "supply_sag": (sagging, 16),
+    "supply_sag": (sagging, 18),
     "drive_dead_zone": (dead_zone, 4),
     "ambient_drift": (drifting_room, 4),
     "nonlinear_thermal_force": (bent_force, 6),

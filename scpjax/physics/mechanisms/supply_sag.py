@@ -10,12 +10,13 @@ from scpjax.physics.mechanism import Mechanism, Side, Values, View
 
 LITTLE = 0.01  # of the greatest power
 LEAST = 0.05  # of the volts, that the supply gives in any case
-AT_ONCE, CHARGE, POLARISED, CELL = (0, 3), (1, 5, 8, 9), (2, 6), (4, 7)  # laws by what tires the supply
+AT_ONCE, CHARGE, POLARISED, CELL = (0, 3), (1, 5, 8, 9, 16, 17), (2, 6), (4, 7)  # laws by what tires the supply
 LATE = (10, 11)  # and laws load, later
 EXHAUSTS = (8, 9)  # of those by charge, laws of one that comes to an end
 THEVENIN = (12, 13, 14, 15)  # a resistance at once, polarised beside it
 TWO_BRANCHES = (14, 15)  # of those, in two times
-SHARED = (3, 5, 6, 7, 9, 11, 13, 15)  # laws of one supply for both actuators of a joint
+RESISTANCE = (*THEVENIN, 16, 17)  # laws of a resistance at once and what comes later; the last by charge
+SHARED = (3, 5, 6, 7, 9, 11, 13, 15, 17)  # laws of one supply for both actuators of a joint
 
 
 def _root(effort: Side) -> Side:
@@ -37,16 +38,16 @@ class SupplySag(Mechanism):
         "of polarisation;  law exhaustion: q/(1 - q/c) in place of q, with the q of charge, 1 - q/c at least 0.05;  "
         "law late load: tau dq/dt = |V|/V_ref - q, V as it was recorded;  law Thevenin: V_wire = V (1 - s (1 - a) q)/"
         "(1 + s a |V|/V_ref), with the q of polarisation;  law Thevenin, two branches: (1 - b) q + b q_s in place of "
-        "that q, r tau dq_s/dt = |V_wire|/V_ref - q_s;  laws shared load, shared charge, shared polarisation, shared "
-        "cell, shared exhaustion, shared late load, shared Thevenin: a joint's one supply, of which q takes the sum "
-        "over both actuators"
+        "that q, r tau dq_s/dt = |V_wire|/V_ref - q_s;  law Thevenin, drained: with the q of charge;  laws shared "
+        "load, shared charge, ...: a joint's one supply, of which q takes the sum over both actuators"
     )
     source = (
         "load: source resistance before a smoothed PWM, or, late, a source that folds back as it warms; charge, "
         "exhaustion and polarisation: Shepherd's battery equation, J. Electrochem. Soc. 112 (1965) 657; cell: a "
         "resistor and a capacitor in parallel before the wire; Thevenin: the model of Plett, Battery Management "
-        "Systems I, ch. 2, a resistance in series with one such pair or two, before a drive that is switched: the "
-        "wire gets V/V_ref of what is left of the cell's volts"
+        "Systems I, ch. 2, a resistance in series with one such pair or two, or with volts that fall with the "
+        "charge that is left, before a drive that is switched: the wire gets V/V_ref of what is left of the cell's "
+        "volts"
     )
     says = "The battery gives fewer volts the more is drawn from it, so strong drives reach the wire weakened."
     needs = ("voltage",)
@@ -68,12 +69,14 @@ class SupplySag(Mechanism):
         "shared Thevenin",
         "Thevenin, two branches",
         "shared Thevenin, two branches",
+        "Thevenin, drained",
+        "shared Thevenin, drained",
     )
     law_needs: ClassVar[dict[int, tuple[str, ...]]] = dict.fromkeys(SHARED, ("joint",))
     only_under: ClassVar[dict[str, tuple[int, ...]]] = {
         "time_constant": POLARISED + CELL + LATE + THEVENIN,
         "capacity": EXHAUSTS,
-        "at_once": THEVENIN,
+        "at_once": RESISTANCE,
         "slow_share": TWO_BRANCHES,
         "slow_ratio": TWO_BRANCHES,
     }
@@ -85,8 +88,8 @@ class SupplySag(Mechanism):
             unit="1",
             description="share of the volts that is lost where the greatest drive is asked for (laws load), or "
             "given for long (laws polarisation, Thevenin) or asked for so long (laws late load) or given for the "
-            "reference time (laws charge; exhaustion: at the pace of the beginning); resistance of the cell over that "
-            "of the wire (laws cell)",
+            "reference time (laws charge, drained; exhaustion: at the pace of the beginning); resistance of the cell "
+            "over that of the wire (laws cell)",
             typical=0.15,
             bounds=(0.003, 0.9),
             null=0.0,
@@ -161,7 +164,7 @@ class SupplySag(Mechanism):
             name="reference_time",
             symbol="t_ref",
             unit="s",
-            description="time for which the loss of laws charge and exhaustion is stated",
+            description="time for which the loss of laws charge, drained and exhaustion is stated",
             typical=100.0,
             bounds=(1e-9, 1e9),
             null=100.0,
@@ -188,7 +191,7 @@ class SupplySag(Mechanism):
 
     def _at_once(self, p: Values) -> Side:
         """Share of what is lost that is lost at once, beside what is lost later."""
-        return jnp.where(_one_of(p.law, THEVENIN), p.at_once, 0.0)
+        return jnp.where(_one_of(p.law, RESISTANCE), p.at_once, 0.0)
 
     def effort(self, p: Values, view: View, effort: Side) -> Side:
         asked, at_once = self._draws(p, effort), self._at_once(p)
