@@ -1,6 +1,9 @@
 """Closure of the force balance: a force learned from the recordings, without a name."""
 
+from dataclasses import replace
 from typing import ClassVar
+
+import jax.numpy as jnp
 
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 from scpjax.physics.terms import Term, coefficients, total
@@ -19,6 +22,8 @@ TERMS = (
     Term("speed", velocity=1),
     Term("u", effort=1),
 )
+_OTHERS = tuple(t for t in TERMS if not t.odd)
+_DAMPERS = {k: tuple(t for t in TERMS if t.odd and t.velocity == k) for k in (1, 2)}  # by their power of the velocity
 
 
 class LearnedForce(Mechanism):
@@ -36,4 +41,32 @@ class LearnedForce(Mechanism):
     starts = ((0.0,) * len(parameters),)
 
     def force(self, p: Values, view: View) -> Side:
-        return -view.shared["stiffness"] * p.reference * total(TERMS, p, view)
+        steady, growing = (jnp.minimum(c, 0.0) for c in _damping(p, view))  # what drives it on
+        others = view.shared["stiffness"] * p.reference * total(_OTHERS, p, view)
+        return -others - (steady + growing * jnp.abs(view.velocity)) * view.velocity
+
+    def resistance(self, p: Values, view: View, force: Side) -> Side:
+        """What dampens, at a step's end: ``m (u - v)/step = force - damping (u - v)/2 - (b + c |u|) u``.
+
+        What moves slowly may be held by a damper that would stop it within a hundredth of a step, which no explicit
+        step could follow. With a = m/step + damping/2 and G = force + a v, that is a quadratic equation for |u|; for a
+        step of 0, u = v. As of friction, a >= k step.
+        """
+        step, still = view.step, jnp.ones_like(view.velocity)
+        steady, growing = (jnp.maximum(c, 0.0) * still for c in _damping(p, view))
+        damping, stiffness = (jnp.sum(view.shared[name] * still) for name in ("damping", "stiffness"))
+        ahead = jnp.maximum(view.mass + 0.5 * step * damping, step * step * stiffness)  # a, times the step
+        wanted = step * force + ahead * view.velocity
+        firm = ahead + step * jnp.sum(steady)
+        u = 2.0 * wanted / (firm + jnp.sqrt(firm**2 + 4.0 * step * jnp.sum(growing) * jnp.abs(wanted)))
+        return -(steady + growing * jnp.abs(u)) * u
+
+
+def _damping(p: Values, view: View) -> tuple[Side, Side]:
+    """b [N s/m] and c [N s^2/m^2] of the force ``-(b + c |v|) v`` that the terms odd in the velocity make."""
+    scale = view.shared["stiffness"] * p.reference
+    steady, growing = (
+        sum(getattr(p, t.name) * replace(t, velocity=0, odd=False).value(p, view) for t in terms) * scale
+        for terms in _DAMPERS.values()
+    )
+    return steady / p.velocity_scale, growing / p.velocity_scale**2
