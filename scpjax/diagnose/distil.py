@@ -112,7 +112,8 @@ def draw(found: Curve, every: Mapping[str, Estimate], values: Mapping[str, float
         covariance = given(doubt.covariance, index, [i for i, k in enumerate(doubt.keys) if k.split(".")[0] in base])
     spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", matrix, covariance, matrix), 0.0))
     curve = matrix @ weights
-    per = f"{unit}/{units[form.factor][0]}" if form.factor else unit
+    factor = units[form.factor][0] if form.factor else ""
+    per = f"{unit}/({factor})" if "/" in factor else f"{unit}/{factor}".removesuffix("/")
     expression, near, share = distilled(at, curve, SYMBOLS[form.variable], own, per)
     says = f"{what} = {form.name}, s from 0 to {curve[np.argmax(np.abs(curve))]:.3g} {per}"
     if expression:

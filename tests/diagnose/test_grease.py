@@ -7,14 +7,17 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from scpjax.diagnose import doubtful
+from scpjax.diagnose.curve import bend
 from scpjax.diagnose.diagnose import _base
 from scpjax.diagnose.doubtful import asking_for_more
+from scpjax.diagnose.evidence import Evidence
 from scpjax.diagnose.hypothesis import State, trial_at
 from scpjax.diagnose.remainder import AT_NOISE, level
 from scpjax.diagnose.rivals import by_law
 from scpjax.diagnose.trials import afresh
 from scpjax.fit.setup import prepare
 from scpjax.physics.catalogue import mechanism
+from scpjax.physics.curves import Form, basis
 from scpjax.physics.mechanisms.creep import MOST_CREPT
 from scpjax.recordings import Metadata, Recording
 
@@ -72,3 +75,21 @@ def standing_at(state: State, compliance: float) -> State:
     value = state.values
     value[state.setup.structure.where["creep.compliance"]] = compliance
     return replace(state, trial=trial_at(state.setup, value, np.asarray(state.trial.laws)))
+
+
+def test_it_is_learned_as_a_damping_that_goes_with_the_temperature():
+    """c(T) = 1200 exp(-T/20 K) N s/m, of which a whole step is a hundred times what stops the load."""
+    given = [recording(seed, cold=1200.0, thins=20.0) for seed in (1, 2)]
+    parts, base, _ = _base(prepare(given))
+    curve = bend(base, parts, Evidence(), ("thermomechanical",))
+    assert curve is not None
+    assert curve.form == Form("velocity", "temperature")
+    assert level(curve.state, parts) < AT_NOISE
+    of = lambda key: curve.state.values[curve.state.setup.structure.index[key]]  # noqa: E731
+    at = np.array([20.0, 35.0])
+    pieces = basis((at - curve.ends[0]) / np.ptp(curve.ends), curve.zero, curve.pieces)
+    scale = curve.reference("displacement_high") / curve.reference("velocity_high")
+    thinner = scale * pieces @ [of(k) for k in curve.keys]
+    # so slowly it moves that only the ratios of its forces are told
+    damping = of("viscous_damping.damping") / of("elastic_spring.stiffness") + thinner
+    np.testing.assert_allclose(damping, 1200.0 * np.exp(-at / 20.0) / K, rtol=0.1)

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
+from scpjax.physics.dampers import at_the_end
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
 from scpjax.physics.terms import Term, coefficients, total
 
@@ -46,20 +47,9 @@ class LearnedForce(Mechanism):
         return -others - (steady + growing * jnp.abs(view.velocity)) * view.velocity
 
     def resistance(self, p: Values, view: View, force: Side) -> Side:
-        """What dampens, at a step's end: ``m (u - v)/step = force - damping (u - v)/2 - (b + c |u|) u``.
-
-        What moves slowly may be held by a damper that would stop it within a hundredth of a step, which no explicit
-        step could follow. With a = m/step + damping/2 and G = force + a v, that is a quadratic equation for |u|; for a
-        step of 0, u = v. As of friction, a >= k step.
-        """
-        step, still = view.step, jnp.ones_like(view.velocity)
-        steady, growing = (jnp.maximum(c, 0.0) * still for c in _damping(p, view))
-        damping, stiffness = (jnp.sum(view.shared[name] * still) for name in ("damping", "stiffness"))
-        ahead = jnp.maximum(view.mass + 0.5 * step * damping, step * step * stiffness)  # a, times the step
-        wanted = step * force + ahead * view.velocity
-        firm = ahead + step * jnp.sum(steady)
-        u = 2.0 * wanted / (firm + jnp.sqrt(firm**2 + 4.0 * step * jnp.sum(growing) * jnp.abs(wanted)))
-        return -(steady + growing * jnp.abs(u)) * u
+        """What dampens, as `scpjax.physics.dampers.at_the_end` has it."""
+        steady, growing = (jnp.maximum(c, 0.0) for c in _damping(p, view))
+        return at_the_end(view, force, steady, growing)
 
 
 def _damping(p: Values, view: View) -> tuple[Side, Side]:

@@ -1,6 +1,11 @@
 """Closure of the force balance: a force learned from the recordings as a smooth curve, without a name."""
 
-from scpjax.physics.curves import Form, LearnedCurve, product
+from dataclasses import replace
+
+import jax.numpy as jnp
+
+from scpjax.physics.curves import PIECES, Form, LearnedCurve, product
+from scpjax.physics.dampers import at_the_end
 from scpjax.physics.mechanism import Side, Values, View
 
 
@@ -19,7 +24,26 @@ class LearnedForceCurve(LearnedCurve):
         Form("", "velocity"),
         Form("displacement", "velocity"),
         Form("temperature", "time", names=("fatigue",)),
+        Form("velocity", "temperature"),
+        Form("velocity", "displacement"),
     )
 
     def force(self, p: Values, view: View) -> Side:
-        return -view.shared["stiffness"] * p.displacement_high * product(self.forms, p, view)
+        given = -view.shared["stiffness"] * p.displacement_high * product(self.forms, p, view)
+        drives_on = -jnp.minimum(self._damping(p, view), 0.0) * view.velocity
+        return jnp.where(self._dampens(p), drives_on, given)
+
+    def resistance(self, p: Values, view: View, force: Side) -> Side:
+        """What dampens, ``-b v``, as `scpjax.physics.dampers.at_the_end` has it."""
+        firm = jnp.where(self._dampens(p), jnp.maximum(self._damping(p, view), 0.0), 0.0)
+        return at_the_end(view, force, firm, jnp.zeros_like(firm))
+
+    def _dampens(self, p: Values) -> Side:
+        """Whether the law in force is a damping that depends on something."""
+        form = jnp.floor_divide(jnp.asarray(p.law, int), len(PIECES))
+        return jnp.any(form == jnp.asarray([i for i, f in enumerate(self.forms) if f.factor == "velocity"]))
+
+    def _damping(self, p: Values, view: View) -> Side:
+        """b [N s/m], under such a law."""
+        fast = replace(view, velocity=p.velocity_high * jnp.ones_like(view.velocity))
+        return view.shared["stiffness"] * p.displacement_high / p.velocity_high * product(self.forms, p, fast)
