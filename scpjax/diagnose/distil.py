@@ -46,6 +46,11 @@ def _power(n: int) -> _Function:
     return _Function(lambda y: y**n, lambda v, unit, far: v + (str(n).translate(_SUPER) if n > 1 else ""), n)
 
 
+def _either_way(n: int) -> _Function:
+    """|v| v^(n - 1), of what goes both ways."""
+    return _Function(lambda y: np.abs(y) * y ** (n - 1), lambda v, unit, far: f"|{v}|" + f" {v}" * (n - 1), n)
+
+
 def _beyond(a: float) -> _Function:
     return _Function(lambda y: np.maximum(y - a, 0.0), lambda v, unit, far: f"max({v} - {a * far:.3g} {unit}, 0)", 1)
 
@@ -151,7 +156,7 @@ def distilled(at: np.ndarray, curve: np.ndarray, symbol: str, own: str, unit: st
     y, total = at / far, float(np.sum(curve**2))
     if total == 0.0:
         return "", curve, 0.0
-    usable = [f for f in _LIBRARY if at.min() >= 0 or f.power]
+    usable = [*_LIBRARY] if at.min() >= 0 else [*(f for f in _LIBRARY if f.power), _either_way(1), _either_way(2)]
     peaks = _peaks(y, curve) if at.min() >= 0 else []
     best: tuple[float, tuple[_Function, ...], np.ndarray] = (-math.inf, (), np.zeros(0))
     for functions, size in ((usable, 1), (peaks, 1), (usable, 2)):

@@ -231,6 +231,21 @@ def test_the_expression_is_the_function_that_was_drawn(curve, words):
     assert np.max(np.abs(near - curve(at))) < 0.06 * np.max(np.abs(curve(at)))
 
 
+@pytest.mark.parametrize(
+    ("curve", "words"),
+    [
+        (lambda v: 0.3 * np.abs(v), "0.3 W/(K mm/s) |v|"),
+        (lambda v: -0.2 * v * np.abs(v), "-0.2 W/(K (mm/s)²) |v| v"),
+        (lambda v: 0.2 * v, "0.2 W/(K mm/s) v"),
+    ],
+)
+def test_what_goes_both_ways_may_go_with_the_size(curve, words):
+    at = np.linspace(-3.0, 4.0, 61)
+    said, near, _ = distilled(at, curve(at), "v", "mm/s", "W/K")
+    assert said == words
+    np.testing.assert_allclose(near, curve(at), atol=1e-9)
+
+
 def test_what_is_no_simple_function_gets_no_expression():
     at = np.linspace(0.0, 10.0, 61)
     said, _, share = distilled(at, np.sin(2 * at), "x", "mm", "N")
