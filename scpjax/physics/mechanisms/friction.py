@@ -6,6 +6,7 @@ import jax.numpy as jnp
 
 from scpjax.parameter import Parameter
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
+from scpjax.physics.step_end import ahead
 
 CORNER = 0.1  # makes s(u) tanh(u) to within 0.05
 FASTER = 10.0  # velocity, in velocity scales, at which two thirds of the extra friction at rest are gone (law LuGre)
@@ -134,21 +135,16 @@ class Friction(Mechanism):
         return jnp.where(p.law == 3, 1.0 + p.static, 1.0)
 
     def resistance(self, p: Values, view: View, force: Side) -> Side:
-        """At the velocity u of a step's end, as if ``m (u - v)/step = force - damping (u - v)/2 + friction(u)``.
-
-        With a = m/step + damping/2 and G = force + a v that is ``a u + F_c s(u/v_s) = G``, for this s a quadratic
-        equation; for a step of 0, u = v. Over a long step a load that ought to stick has already followed its pull
-        when the step is looked at again: a >= k step takes it back.
+        """At the velocity u of a step's end (`scpjax.physics.step_end.ahead`): ``a u + F_c s(u/v_s) = G``, for this s a
+        quadratic equation.
         """
         step, still = view.step, jnp.ones_like(view.velocity)
         slow = p.reference / p.velocity_time
         dry = jnp.where(p.law > 1, 0.0, p.strength * view.shared["stiffness"] * p.reference)
         past = view.velocity / (p.faster * slow)
         dry = jnp.where(p.law == 1, dry * (1.0 + p.static * jnp.exp(-past * past)), dry)
-        damping, stiffness = (jnp.sum(view.shared[name] * still) for name in ("damping", "stiffness"))
-        ahead = jnp.maximum(view.mass + 0.5 * step * damping, step * step * stiffness)  # a, times the step
-        held, viscous = step * jnp.sum(dry * still), ahead * slow
-        wanted = step * force + ahead * view.velocity
+        a, wanted = ahead(view, force)
+        held, viscous = step * jnp.sum(dry * still), a * slow
         size = jnp.abs(wanted)
         left = held + viscous - size
         return -2.0 * dry * wanted / (held + viscous + size + jnp.sqrt(left * left + 4.0 * CORNER * viscous * size))

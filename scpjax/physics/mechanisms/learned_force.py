@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from scpjax.physics.dampers import at_the_end
 from scpjax.physics.mechanism import Mechanism, Side, Values, View
+from scpjax.physics.step_end import dampened
 from scpjax.physics.terms import Term, coefficients, total
 
 TERMS = (
@@ -47,9 +47,9 @@ class LearnedForce(Mechanism):
         return -others - (steady + growing * jnp.abs(view.velocity)) * view.velocity
 
     def resistance(self, p: Values, view: View, force: Side) -> Side:
-        """What dampens, as `scpjax.physics.dampers.at_the_end` has it."""
+        """What dampens, as `scpjax.physics.step_end.dampened` has it."""
         steady, growing = (jnp.maximum(c, 0.0) for c in _damping(p, view))
-        return at_the_end(view, force, steady, growing)
+        return dampened(view, force, steady, growing)
 
 
 def _damping(p: Values, view: View) -> tuple[Side, Side]:

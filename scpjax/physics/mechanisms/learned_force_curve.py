@@ -5,8 +5,8 @@ from dataclasses import replace
 import jax.numpy as jnp
 
 from scpjax.physics.curves import PIECES, Form, LearnedCurve, product
-from scpjax.physics.dampers import at_the_end
 from scpjax.physics.mechanism import Side, Values, View
+from scpjax.physics.step_end import dampened
 
 
 class LearnedForceCurve(LearnedCurve):
@@ -34,9 +34,9 @@ class LearnedForceCurve(LearnedCurve):
         return jnp.where(self._dampens(p), drives_on, given)
 
     def resistance(self, p: Values, view: View, force: Side) -> Side:
-        """What dampens, ``-b v``, as `scpjax.physics.dampers.at_the_end` has it."""
+        """What dampens, ``-b v``, as `scpjax.physics.step_end.dampened` has it."""
         firm = jnp.where(self._dampens(p), jnp.maximum(self._damping(p, view), 0.0), 0.0)
-        return at_the_end(view, force, firm, jnp.zeros_like(firm))
+        return dampened(view, force, firm, jnp.zeros_like(firm))
 
     def _dampens(self, p: Values) -> Side:
         """Whether the law in force is a damping that depends on something."""
