@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.integrate
+from loaded import COEFFICIENT, CONDUCTANCE, DAMPING, GAIN, MASS, PLANT, STIFFNESS, THERMAL_MASS
 
 from scpjax.physics import presets
 from scpjax.physics.catalogue import catalogue
@@ -10,17 +11,7 @@ from scpjax.physics.model import Model
 from scpjax.recordings.recording import Recording
 from scpjax.simulate.simulate import Adaptive, Exponential, simulate
 
-GAIN, CONDUCTANCE, THERMAL_MASS, COEFFICIENT, STIFFNESS, DAMPING, MASS = 0.8, 0.14, 1.2, 0.02, 160.0, 8.0, 0.25
 REFERENCES = {"reference": 0.008, "reference_temperature": 60.0, "velocity_scale": 0.001, "effort_scale": 10.0}
-PLANT = presets.plant(
-    resistance=1 / GAIN,
-    conductance=CONDUCTANCE,
-    thermal_mass=THERMAL_MASS,
-    coefficient=COEFFICIENT,
-    stiffness=STIFFNESS,
-    damping=DAMPING,
-    mass=MASS,
-)
 TIME = np.arange(0.0, 30.0, 0.05)
 VOLTS = np.where(TIME < 9.0, 3.2, np.where(TIME < 17.0, 0.0, 2.0))
 DAMPERS = {

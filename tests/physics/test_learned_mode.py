@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.linalg
+from loaded import COEFFICIENT, CONDUCTANCE, DAMPING, GAIN, MASS, PLANT, STIFFNESS, THERMAL_MASS
 
 from scpjax.physics import presets
 from scpjax.physics.catalogue import catalogue
@@ -11,16 +12,6 @@ from scpjax.physics.model import Model
 from scpjax.recordings.recording import Recording
 from scpjax.simulate.simulate import Exponential, simulate
 
-GAIN, CONDUCTANCE, THERMAL_MASS, COEFFICIENT, STIFFNESS, DAMPING, MASS = 0.8, 0.14, 1.2, 0.02, 160.0, 8.0, 0.25
-PLANT = presets.plant(
-    resistance=1 / GAIN,
-    conductance=CONDUCTANCE,
-    thermal_mass=THERMAL_MASS,
-    coefficient=COEFFICIENT,
-    stiffness=STIFFNESS,
-    damping=DAMPING,
-    mass=MASS,
-)
 SECOND, PERIOD, ZETA, SHARE = 0.4, 2.5, 0.07, 0.6  # [kg], [s], [1], [1]
 OMEGA = 2 * np.pi / PERIOD
 
